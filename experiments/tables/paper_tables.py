@@ -149,7 +149,7 @@ def table(name: str, data: str) -> Table:
     Raises:
         UserError: the table does not fit the data.
     """
-    skeleton = presets.DATA[data].skeleton
+    skeleton, _ = presets.DATA[data]
     if _SKELETONS.get(name, skeleton) != skeleton:
         raise UserError(
             f"{name} takes out levels of the skeleton {_SKELETONS[name]}, {data} has {skeleton}: "

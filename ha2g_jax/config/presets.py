@@ -18,22 +18,16 @@ from ha2g_jax.files.reading import shown
 Changes = Mapping[str, Any]
 
 
-class DataPreset(NamedTuple):
-    """Name of the skeleton of a kind of data, and changes of settings."""
-
-    skeleton: str
-    changes: Changes
-
-
 _SPEAKERS = {"model.identity.kind": "speakers"}  # of data without images
 
-DATA = {
+# Kind of data -> skeleton, and changes of settings.
+DATA: dict[str, tuple[str, Changes]] = {
     # Windows start every 10 frames; with the jitter, training sees every start.
-    "talk": DataPreset("ted_expressive", {"data.path": "talk", "data.jitter": 9}),
-    "ted_expressive": DataPreset("ted_expressive", _SPEAKERS),
-    "ted_gesture": DataPreset("ted_gesture", _SPEAKERS),
-    "bvh": DataPreset("ted_expressive", {"data.jitter": 9, **_SPEAKERS}),
-    "video": DataPreset("ted_expressive", {"data.jitter": 9}),
+    "talk": ("ted_expressive", {"data.path": "talk", "data.jitter": 9}),
+    "ted_expressive": ("ted_expressive", _SPEAKERS),
+    "ted_gesture": ("ted_gesture", _SPEAKERS),
+    "bvh": ("ted_expressive", {"data.jitter": 9, **_SPEAKERS}),
+    "video": ("ted_expressive", {"data.jitter": 9}),
 }
 
 _SMALL = {  # two CPU cores train it in about an hour
@@ -242,13 +236,9 @@ METHODS: dict[str, MethodPreset] = {
 
 
 def make(data: str, size: str = "", method: str = "ha2g", changes: Changes | None = None) -> Config:
-    """Return the config of a method on a kind of data.
+    """Return the config of a method on a kind of data, keys of `METHODS`, `DATA` and `SIZES`.
 
-    Args:
-        data: kind of data, a key of `DATA`.
-        size: a key of `SIZES`; "" for the size of the paper.
-        method: a key of `METHODS`.
-        changes: dotted name of a setting -> value, such as a row of `ABLATIONS`.
+    Changes are values by dotted names of settings, such as a row of `ABLATIONS`.
 
     Raises:
         UserError: a name is unknown.
@@ -257,17 +247,11 @@ def make(data: str, size: str = "", method: str = "ha2g", changes: Changes | Non
     for kind, name, names in (("data", data, DATA), ("size", size, SIZES), ("method", method, METHODS)):
         if name not in names:
             raise UserError(f"no {kind} '{shown(name)}'; expected one of {', '.join(names)}")
-    preset = METHODS[method]
-    config = paper(DATA[data].skeleton, preset.method or method)
+    preset, (skeleton, of_data) = METHODS[method], DATA[data]
+    config = paper(skeleton, preset.method or method)
     config.name = method
-    for part in (
-        DATA[data].changes,
-        preset.changes,
-        preset.on.get(data, {}),
-        SIZES[size],
-        preset.at.get(size, {}),
-        changes or {},
-    ):
+    of_method = (preset.changes, preset.on.get(data, {}), SIZES[size], preset.at.get(size, {}))
+    for part in (of_data, *of_method, changes or {}):
         change(config, part)
     return config
 
@@ -278,11 +262,7 @@ def sized(skeleton: str, size: str) -> Config:
 
 
 def parse(spec: str, method: str) -> Config:
-    """Return the config of a method for data and size in one string.
-
-    Args:
-        spec: "DATA" or "DATA:SIZE".
-        method: name of the method, a key of `METHODS`.
+    """Return the config of a method, a key of `METHODS`, for "DATA" or "DATA:SIZE".
 
     Raises:
         UserError: a name is unknown.

@@ -207,12 +207,7 @@ def table(method: str) -> tuple[Setting, ...]:
 
 
 def paper(skeleton: str, method: str = "ha2g") -> Config:
-    """Return the config of a method, of HA2G with the sizes and settings of the paper.
-
-    Args:
-        skeleton: name of the skeleton of the data, "ted_expressive" or "ted_gesture".
-        method: name of the method, a key of `OF_METHOD`.
-    """
+    """Return the config of a method, a key of `OF_METHOD`; that of HA2G has the sizes and settings of the paper."""
     config = ml_collections.ConfigDict()
     for row in table(method):
         *path, last = row.name.split(".")
@@ -227,11 +222,7 @@ def paper(skeleton: str, method: str = "ha2g") -> Config:
 
 
 def change(config: Config, changes: Mapping[str, Any]) -> Config:
-    """Change settings of a config in place, and return it.
-
-    Args:
-        config: settings.
-        changes: dotted name of a setting -> value.
+    """Change settings of a config, by their dotted names, in place, and return it.
 
     Raises:
         UserError: there is no such setting, or the value has another type.
@@ -262,9 +253,6 @@ def from_json(values: Any) -> Config:
     A model folder stores neither losses nor settings of training, so that its config has neither. Values are checked
     where networks are built from them.
 
-    Args:
-        values: plain values of config.json.
-
     Raises:
         ValueError: `values` are not a config.
     """
@@ -281,11 +269,8 @@ def from_json(values: Any) -> Config:
 def check(config: Config, *, is_trained: bool = True) -> None:
     """Check that every setting of a config is there and has a possible value.
 
-    Whether it fits the data and the machine is another question, see `ha2g_jax.train.fits`.
-
-    Args:
-        config: settings.
-        is_trained: whether to check losses and settings of training too, which the config of a model has not.
+    Whether it fits the data and the machine is another question, see `ha2g_jax.train.fits`. The config of a model,
+    which is not `is_trained`, has neither losses nor settings of training.
 
     Raises:
         UserError: a setting is missing, unknown, of another type or outside its range.
@@ -319,11 +304,7 @@ def _check(name: str, value: Any, range_: Range) -> None:
 
 
 def check_fps(fps: float, name: str) -> None:
-    """Check that features and networks can be derived for a frame rate.
-
-    Args:
-        fps: frames per second.
-        name: name of the rate in the error message.
+    """Check that features and networks can be derived for a frame rate, which the error calls by a name.
 
     Raises:
         UserError: the rate is not a whole number from 15 to 30.

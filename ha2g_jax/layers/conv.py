@@ -14,12 +14,7 @@ _MOMENTUM = 0.1
 class Conv(nn.Module):
     """Convolution of images (B, H, W, C), channels last, with the parameters "kernel" and "bias" of `flax.linen.Conv`.
 
-    Attributes:
-        channels: number of output channels.
-        kernel: height and width of the kernel.
-        stride: stride along height and width.
-        padding: number of zeros before and after each row and column.
-        use_bias: whether to add a bias for each channel.
+    Kernel and stride are along height and width; `padding` zeros are before and after each row and column.
     """
 
     channels: int
@@ -81,16 +76,6 @@ def run_block(
 
     This is meant for modules with BatchNorm over the whole batch, which cannot take the batch in parts. On CPUs it
     saves no memory, because XLA merges the second computation with the first.
-
-    Args:
-        block: module.
-        x: input of the method.
-        train: whether to run in training mode.
-        is_recomputed: whether to compute the activations again in the backward pass.
-        method: name of the method to run.
-
-    Returns:
-        The output of the method.
     """
 
     def call(block: nn.Module, x: jax.Array) -> jax.Array:

@@ -42,12 +42,8 @@ class BiGRU(nn.Module):
     """A bidirectional GRU of several layers whose two directions are summed at the end.
 
     Between the layers the directions are concatenated, and dropout acts only there. Parameters have the names and
-    shapes of `torch.nn.GRU`, such as `weight_ih_l0` (3 h, inputs) and `bias_hh_l1_reverse` (3 h,).
-
-    Attributes:
-        hidden_dim: number of values of the state of one direction, h.
-        layers: number of layers.
-        dropout: dropout rate between the layers.
+    shapes of `torch.nn.GRU`, such as `weight_ih_l0` (3 h, inputs) and `bias_hh_l1_reverse` (3 h,), where h is
+    `hidden_dim`.
     """
 
     hidden_dim: int
@@ -63,16 +59,10 @@ class BiGRU(nn.Module):
     def states(
         self, x: jax.Array, *, is_real: jax.Array | None = None, train: bool
     ) -> tuple[tuple[jax.Array, jax.Array], ...]:
-        """Return the states of every layer, for sequences that may end early.
+        """Return the forward and the backward states of every layer, each (B, N, hidden_dim), from x (B, N, inputs).
 
-        Args:
-            x: (B, N, inputs) input of every step.
-            is_real: (B, N), False at steps after the end of a sequence. There the forward state does not change, so
-                that the last one is the final state, and the backward state is 0.
-            train: whether to run in training mode, which uses the random stream "dropout".
-
-        Returns:
-            For each layer the forward and the backward states, each (B, N, hidden_dim).
+        `is_real` (B, N) is False at steps after the end of a sequence. There the forward state does not change, so that
+        the last one is the final state, and the backward state is 0.
         """
         x = jnp.swapaxes(x, 0, 1)
         if is_real is not None:
@@ -102,12 +92,7 @@ class BiGRU(nn.Module):
 
 
 class GRU(nn.Module):
-    """A GRU of several layers that runs forward in time, without dropout and with the parameters of `torch.nn.GRU`.
-
-    Attributes:
-        hidden_dim: number of values of a state, h.
-        layers: number of layers.
-    """
+    """A GRU of several layers that runs forward in time, without dropout and with the parameters of `torch.nn.GRU`."""
 
     hidden_dim: int
     layers: int
@@ -124,13 +109,7 @@ class GRU(nn.Module):
 
 
 class GRUCells(nn.Module):
-    """One step of a GRU of several layers that runs forward in time, with the parameters of `torch.nn.GRU`.
-
-    Attributes:
-        hidden_dim: number of values of a state, h.
-        layers: number of layers.
-        dropout: dropout rate between the layers.
-    """
+    """One step of a GRU of several layers that runs forward in time, with the parameters of `torch.nn.GRU`."""
 
     hidden_dim: int
     layers: int
@@ -138,12 +117,9 @@ class GRUCells(nn.Module):
 
     @nn.compact
     def __call__(self, states: tuple[jax.Array, ...], x: jax.Array, *, train: bool) -> tuple[jax.Array, ...]:
-        """Return the states h_t of one step; training uses the random stream "dropout".
+        """Return the states h_t of one step from h_(t-1), for each layer (B, hidden_dim) float32, and x_t (B, inputs).
 
-        Args:
-            states: h_(t-1), for each layer (B, hidden_dim) float32.
-            x: (B, inputs) input x_t.
-            train: whether to run in training mode.
+        Training uses the random stream "dropout".
         """
         after: list[jax.Array] = []
         for layer, state in enumerate(states):
@@ -161,8 +137,6 @@ class FrameDecoder(nn.Module):
     Joint Embedding, Trimodal and the release of HA2G share it (Yoon et al. 2020).
 
     Attributes:
-        pose_dim: number of values of a flat pose.
-        hidden_dim, layers, dropout: settings of the GRU, see `BiGRU`; the first linear map has half its width.
         slope: slope of the activation for negative values. The release of Trimodal passes True in its place, which
             makes it 1 and the activation the identity.
     """

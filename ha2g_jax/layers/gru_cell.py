@@ -23,16 +23,10 @@ class Gates(NamedTuple):
 
 
 def gru_cell(state: jax.Array, gates: Gates, kernels: Gates, bias: jax.Array) -> jax.Array:
-    """Compute one step of one GRU.
+    """Return h_t of one GRU from h_(t-1), each (B, h) float32.
 
-    Args:
-        state: (B, h) float32, h_(t-1).
-        gates: for each gate (B, h), W x_t + b, with c_r and c_z already added.
-        kernels: for each gate (h, h), the transpose of U.
-        bias: (h,), c_n.
-
-    Returns:
-        (B, h) float32, h_t.
+    The gates W x_t + b, each (B, h), have c_r and c_z already added; the kernels (h, h) are the transposes of U, and
+    the bias (h,) is c_n.
     """
     return _next_state(state, activate(gates, products(state, gates, kernels), bias))
 
@@ -59,17 +53,9 @@ def sequence_scan(
 ) -> jax.Array:
     """Run one GRU on a single sequence, from a zero state, as `gru_scan` does for the sequences of a batch.
 
-    With a single row a product takes as long as reading the weights. One product reads them as they are stored, whereas
-    the kernels of `gru_scan` are copies, which generation would make anew for every window.
-
-    Args:
-        gates: for each gate (N, 1, h), W x_t + b of every frame, with c_r and c_z already added.
-        hidden_weight: (3 h, h), U of the three gates.
-        hidden_bias: (h,), c_n.
-        is_real: (N, 1, 1), False where a step is padding, which does not change the state; None if there is no padding.
-
-    Returns:
-        (N, 1, h), the states h_t.
+    With a single row a product takes as long as reading the weights. One product reads `hidden_weight` (3 h, h), U of
+    the three gates, as it is stored, whereas the kernels of `gru_scan` are copies, which generation would make anew for
+    every window. The other arguments and the result are those of one GRU there.
     """
     dtype = gates.reset.dtype
     weight = hidden_weight.astype(dtype)

@@ -16,10 +16,8 @@ class ImageIdentity(nn.Module):
     Decision D6: one ResNet-18 encodes all M images; the feature maps are averaged, flattened and mapped linearly.
 
     Attributes:
-        blocks: number of residual blocks of each stage of the ResNet; those of ResNet-18 in the paper.
-        width: channels of the first stage of the ResNet.
+        blocks, width, is_recomputed: of the `ResNet`.
         feature_dim: number of values of f_id.
-        is_recomputed: see `conv.run_block`.
     """
 
     blocks: tuple[int, int, int, int] = (2, 2, 2, 2)
@@ -42,8 +40,6 @@ class SpeakerIdentity(nn.Module):
     """Table of speakers with the outputs of `ImageIdentity`, for data sets without images.
 
     Attributes:
-        num_speakers: number of rows of the table.
-        feature_dim: number of values of f_id.
         has_hidden: whether there is a linear map between the table and the two heads, as in Trimodal.
     """
 

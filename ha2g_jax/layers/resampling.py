@@ -8,24 +8,15 @@ import numpy as np
 def frame_centres(num_frames: int, fps: float, margin: float = 0.0) -> np.ndarray:
     """Return the times (num_frames,) of the middles of frames, (n + 0.5) / fps seconds from the start of a window.
 
-    Args:
-        num_frames: number of frames.
-        fps: frames per second.
-        margin: number of frames before the first one at which the times start; may be a fraction.
+    With a margin, which may be a fraction, they start so many frames earlier.
     """
     return (np.arange(num_frames) - margin + 0.5) / fps
 
 
 def interpolate(x: jax.Array, places: np.ndarray, axis: int) -> jax.Array:
-    """Return values between neighbours on an axis, linear between the two; beyond the ends there are the end values.
+    """Return values at places (n,) on an axis, linear between two neighbours; beyond the ends there are the end values.
 
-    Args:
-        x: array of features.
-        places: (n,) positions on the axis, in steps from its first value.
-        axis: axis of time.
-
-    Returns:
-        `x` with n values on that axis.
+    Places are in steps from the first value of the axis.
     """
     places = np.clip(places, 0, x.shape[axis] - 1)
     before = np.minimum(np.floor(places).astype(int), max(x.shape[axis] - 2, 0))

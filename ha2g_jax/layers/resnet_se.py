@@ -32,14 +32,9 @@ class Features(NamedTuple):
 
 
 def pixel_shuffle(x: jax.Array, factor: int) -> jax.Array:
-    """Move channels into space, in the channel order of Shi et al. 2016 and PyTorch.
+    """Move channels (B, H, W, C factor^2) into space (B, factor H, factor W, C), as Shi et al. 2016 and PyTorch.
 
-    Args:
-        x: (B, H, W, C * factor^2); row `factor * i + a`, column `factor * j + b` of output channel c comes from
-            input channel c * factor^2 + a * factor + b.
-
-    Returns:
-        (B, factor * H, factor * W, C).
+    Row factor i + a, column factor j + b of output channel c comes from input channel c factor^2 + a factor + b.
     """
     batch, height, width, channels = x.shape
     x = x.reshape(batch, height, width, channels // factor**2, factor, factor)
@@ -50,10 +45,7 @@ def pixel_shuffle(x: jax.Array, factor: int) -> jax.Array:
 def head_grid(widths: Sequence[int], num_frames: int, fps: float) -> tuple[int, float] | None:
     """Return (N, fps) if the columns of the heads have to be interpolated, None if they give N frames as they are.
 
-    Args:
-        widths: columns of the maps of low, mid and high, before the pixel shuffle.
-        num_frames: frames of a window, N.
-        fps: frames per second.
+    The widths are the columns of the maps of low, mid and high, before the pixel shuffle.
     """
     frames = {factor * width - kernel + 1 for width, (factor, kernel) in zip(widths, HEADS.values(), strict=True)}
     return None if frames == {num_frames} else (num_frames, fps)
@@ -62,10 +54,7 @@ def head_grid(widths: Sequence[int], num_frames: int, fps: float) -> tuple[int, 
 def head_places(kernel: int, num_frames: int, fps: float) -> np.ndarray:
     """Return the columns (N + kernel - 1,), as fractions, at which a head takes its map after the pixel shuffle.
 
-    Args:
-        kernel: width of the convolution of the head, which is centred on the middle of each frame.
-        num_frames: frames of a window, N.
-        fps: frames per second.
+    The convolution of the head, `kernel` wide, is centred on the middle of each frame.
     """
     return frame_centres(num_frames + kernel - 1, fps, margin=(kernel - 1) / 2) * _COLUMNS_PER_SECOND
 
@@ -141,7 +130,6 @@ class Head(nn.Module):
     Attributes:
         shuffle: factor of the pixel shuffle, 1 for none.
         kernel: height and width of the unpadded convolution.
-        feature_dim: number of values per frame.
         grid: (N, fps) where the columns are first interpolated so that the convolution is centred on the middle of
             each frame; None where there are N + kernel - 1 columns as they are, as in the paper.
     """
@@ -172,12 +160,8 @@ class AudioEncoder(nn.Module):
     of its length or frame rate, has the columns of each head interpolated, see `Head`.
 
     Attributes:
-        blocks: number of basic blocks of each stage.
-        channels: channels of each stage.
+        blocks, channels: of each stage.
         stem_stride: stride of the stem along mel and time; the stride in time must be 1.
-        feature_dim: number of values per frame and level.
-        num_frames: frames of a window, N.
-        fps: frames per second.
         is_recomputed: see `conv.run_block`.
         reads_decibels: whether the network sees the dB themselves and not dB / 80 + 1 (D3), as the release.
     """

@@ -11,14 +11,12 @@ from ha2g_jax.layers import initializers
 
 _KERNEL = 2
 _EMBEDDING_DROPOUT = 0.1
-RECEPTIVE_FIELDS = ("centred", "causal")
 
 
 class WeightNormConv(nn.Module):
     """Convolution over frames whose kernel is scale * v / |v|, with one norm for each output channel.
 
     Attributes:
-        channels: number of output channels.
         dilation: number of frames between the two taps.
         padding: number of frames of zeros (before, after); their sum is `dilation`, so that N frames stay N.
     """
@@ -79,11 +77,7 @@ class TextEncoder(nn.Module):
 
     Attributes:
         vocabulary_size: number of rows of the word table; row 0 is the padding, which is trained like the others.
-        embedding_dim: number of values of a word vector.
-        channels: number of channels of the blocks.
         layers: number of blocks; block i has dilation 2^i.
-        feature_dim: number of output values per frame.
-        receptive_field: one of RECEPTIVE_FIELDS.
         dropout: dropout rate after each convolution.
     """
 
@@ -97,13 +91,7 @@ class TextEncoder(nn.Module):
 
     @nn.compact
     def __call__(self, words: jax.Array, *, train: bool) -> jax.Array:
-        """Map word indices (B, N) to features (B, N, feature_dim).
-
-        Raises:
-            ValueError: `receptive_field` is not one of RECEPTIVE_FIELDS.
-        """
-        if self.receptive_field not in RECEPTIVE_FIELDS:
-            raise ValueError(f"receptive field {self.receptive_field!r}: expected one of {RECEPTIVE_FIELDS}")
+        """Map word indices (B, N) to features (B, N, feature_dim)."""
         centred = self.receptive_field == "centred"
         spread = initializers.normal(self.embedding_dim**-0.5)
         # The gradients of the rows are summed over all frames in float32: that of the padding has thousands of terms.

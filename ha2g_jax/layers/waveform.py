@@ -22,11 +22,6 @@ class WaveformEncoder(nn.Module):
 
     At the paper's size 36,267 samples become 7,891, 1,313, 217 and 34 steps of 16, 32, 64 and `feature_dim` channels,
     each step a frame. Where a window has another number of steps than frames, frames lie between steps.
-
-    Attributes:
-        feature_dim: number of values per frame.
-        num_frames: frames of a window, N.
-        fps: frames per second.
     """
 
     feature_dim: int = 32

@@ -20,14 +20,9 @@ _POINTS = 4  # in a frame, closer together than positions at any rate from 15 to
 
 
 def sinusoids(length: int, channels: int) -> np.ndarray:
-    """Return the encodings of positions: sines, then cosines, with wavelengths from 2 pi to 20,000 pi.
+    """Return the encodings of positions (length, channels): sines, then cosines.
 
-    Args:
-        length: number of positions.
-        channels: number of channels, even and at least 4; half are sines.
-
-    Returns:
-        (length, channels) float32.
+    Their wavelengths are from 2 pi to 20,000 pi; the number of channels is even and at least 4.
     """
     rates = np.exp(-np.log(_LONGEST_PERIOD) * np.arange(channels // 2) / (channels // 2 - 1))
     angles = np.arange(length)[:, None] * rates[None]
@@ -35,11 +30,7 @@ def sinusoids(length: int, channels: int) -> np.ndarray:
 
 
 class SelfAttention(nn.Module):
-    """Multi-head self-attention over all positions, without a bias of the keys.
-
-    Attributes:
-        heads: number of heads, a divisor of the channels.
-    """
+    """Multi-head self-attention over all positions, without a bias of the keys."""
 
     heads: int
 
@@ -58,12 +49,7 @@ class SelfAttention(nn.Module):
 
 
 class EncoderBlock(nn.Module):
-    """Pre-norm transformer block: x + attention(norm(x)), then x + mlp(norm(x)) with exact GELU.
-
-    Attributes:
-        heads: number of heads of the attention.
-        ffn_dim: number of channels of the hidden layer.
-    """
+    """Pre-norm transformer block: x + attention(norm(x)), then x + mlp(norm(x)) with exact GELU."""
 
     heads: int
     ffn_dim: int
@@ -82,10 +68,7 @@ class WhisperEncoder(nn.Module):
     Whisper is trained on 30 s; a shorter input uses the first positions. The default sizes are those of `tiny`.
 
     Attributes:
-        num_mels: number of mel bands of the input.
         d_model: number of channels, a multiple of the heads, even and at least 4.
-        layers: number of blocks.
-        heads: number of heads in each block.
         ffn_dim: number of channels of the hidden layer in each block.
     """
 
@@ -105,12 +88,7 @@ class WhisperEncoder(nn.Module):
         Returns:
             `layers` arrays (B, columns / 2, d_model), position p centred on column 2 p; the last one is the normalised
             output of the encoder, the others are the inputs of the next block.
-
-        Raises:
-            ValueError: the number of mel bands is not `num_mels`, or the number of columns is odd.
         """
-        if mel.shape[1] != self.num_mels or mel.shape[2] % 2:
-            raise ValueError(f"mel of shape {mel.shape}: expected (batch, {self.num_mels}, an even number of columns)")
         x = nn.gelu(_conv(self.d_model, 1, "conv_1")(mel.transpose(0, 2, 1)), approximate=False)
         x = nn.gelu(_conv(self.d_model, 2, "conv_2")(x), approximate=False)
         x = x + jnp.asarray(sinusoids(x.shape[1], self.d_model), x.dtype)[None]
@@ -139,27 +117,12 @@ def feature_blocks(layers: int) -> tuple[int, int, int]:
 
 
 def resample(x: jax.Array, num_frames: int, fps: float) -> jax.Array:
-    """Return the mean of features over each frame.
+    """Return the mean of features (B, positions, channels) over each frame, (B, num_frames, channels).
 
-    The mean is over four points, each linear between the two nearest positions, so that every position of the window
-    counts. Features at the middle of the frames alone would be aliased: a frame at 15 fps has 3.3 positions.
-
-    Args:
-        x: (B, positions, channels), 50 positions a second, the first at time 0.
-        num_frames: number of frames of the result.
-        fps: frames per second; the middle of frame n is at (n + 0.5) / fps.
-
-    Returns:
-        (B, num_frames, channels), values of the middle of each frame if the features are linear in time.
-
-    Raises:
-        ValueError: the middle of the last frame lies past the last position.
+    There are 50 positions a second, the first at time 0. The mean is over four points, each linear between the two
+    nearest positions, so that every position of the window counts. Features at the middle of the frames alone would be
+    aliased: a frame at 15 fps has 3.3 positions.
     """
-    if frame_centres(num_frames, fps)[-1] * _POSITIONS_PER_SECOND >= x.shape[1] - 1:
-        raise ValueError(
-            f"{x.shape[1]} positions are {x.shape[1] / _POSITIONS_PER_SECOND:.2f} s; expected enough for {num_frames} "
-            f"frames at {fps} fps, {num_frames / fps:.2f} s"
-        )
     points = frame_centres(num_frames * _POINTS, fps * _POINTS) * _POSITIONS_PER_SECOND
     values = interpolate(x, points, axis=1)
     return values.reshape(len(x), num_frames, _POINTS, x.shape[-1]).mean(axis=2)
@@ -174,9 +137,6 @@ class AsrAudioEncoder(nn.Module):
 
     Attributes:
         whisper: the encoder, whose parameters `checkpoint.whisper` reads.
-        feature_dim: number of values per frame and level.
-        num_frames: frames of a window, N.
-        fps: frames per second.
     """
 
     inputs = ("asr_mel",)

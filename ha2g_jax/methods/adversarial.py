@@ -19,7 +19,6 @@ class Discriminator(nn.Module):
     At the size of the paper 34 x 126 poses become 28 x 8, then 28 x 64 (directions summed), 28 and 1.
 
     Attributes:
-        hidden_dim: number of values of the state of the GRU in one direction.
         layers: number of layers of the GRU; Table 8 states none, the configs and the authors' release have 4.
         slope: slope of the activations for negative values; the release of HA2G has 0.01, that of Trimodal 1.
     """
@@ -66,17 +65,13 @@ def gan_generator(fake_logits: jax.Array, *, kind: str = "non_saturating") -> ja
 
     where D(G) are outputs (B, ...) of the discriminator, given before the sigmoid, which the least squares (Mao et al.
     2017) do not use.
-
-    Raises:
-        ValueError: unknown `kind`.
     """
-    if kind == "non_saturating":
-        return jnp.mean(jax.nn.softplus(-fake_logits))
-    if kind == "minimax":
-        return -jnp.mean(jax.nn.softplus(fake_logits))
-    if kind == "least_squares":
-        return jnp.mean(jnp.square(1 - fake_logits))
-    raise ValueError(f"unknown kind of adversarial loss: {kind!r}")
+    match kind:
+        case "minimax":
+            return -jnp.mean(jax.nn.softplus(fake_logits))
+        case "least_squares":
+            return jnp.mean(jnp.square(1 - fake_logits))
+    return jnp.mean(jax.nn.softplus(-fake_logits))
 
 
 def gan_discriminator(real_logits: jax.Array, fake_logits: jax.Array, *, kind: str = "non_saturating") -> jax.Array:

@@ -41,9 +41,8 @@ _SLOPE = 0.2
 class PoseEncoder(nn.Module):
     """Poses (B, N, pose_dim) to a latent (B, latent_dim).
 
-    Attributes:
-        slope: slope of the activations between the linear maps for negative values.
-        has_mean: whether a further linear map follows, that of the mean of a Gaussian.
+    Activations between the linear maps have a slope for negative values; with `has_mean` a further linear map follows,
+    that of the mean of a Gaussian.
     """
 
     latent_dim: int
@@ -64,11 +63,7 @@ class PoseEncoder(nn.Module):
 
 
 class PoseDecoder(nn.Module):
-    """Latent (B, latent_dim) to poses (B, N, pose_dim).
-
-    Attributes:
-        slope: slope of the activation between the linear maps for negative values.
-    """
+    """Latent (B, latent_dim) to poses (B, N, pose_dim)."""
 
     pose_dim: int
     num_frames: int = 34
@@ -86,12 +81,7 @@ class PoseDecoder(nn.Module):
 
 
 class PoseAutoencoder(nn.Module):
-    """Windows of poses to a latent and back. `encode` and `decode` can be the `method=` of `apply`.
-
-    Attributes:
-        latent_dim: values of the latent, see LATENT_DIMS.
-        num_frames: frames of a window, N, which the linear maps of both parts are built for.
-    """
+    """Windows of poses to a latent and back. `encode` and `decode` can be the `method=` of `apply`."""
 
     pose_dim: int
     latent_dim: int
@@ -133,17 +123,17 @@ def _transposed_conv(channels: int, *, name: str) -> nn.ConvTranspose:
 
 
 def reconstruction(poses: jax.Array, targets: jax.Array) -> jax.Array:
-    """The mean absolute error of poses (B, N, pose_dim)."""
+    """Return the mean absolute error of poses (B, N, pose_dim)."""
     return jnp.mean(jnp.abs(poses - targets))
 
 
 def velocity(poses: jax.Array, targets: jax.Array) -> jax.Array:
-    """The mean absolute error of the differences between neighbouring frames of poses (B, N, pose_dim)."""
+    """Return the mean absolute error of the differences between neighbouring frames of poses (B, N, pose_dim)."""
     return jnp.mean(jnp.abs(jnp.diff(poses, axis=1) - jnp.diff(targets, axis=1)))
 
 
 def cosine(directions: jax.Array, target_directions: jax.Array) -> jax.Array:
-    """1 - cosine between direction vectors (B, N, bones, 3), the mean over all of them."""
+    """Return 1 - cosine between direction vectors (B, N, bones, 3), the mean over all of them."""
     return jnp.mean(1 - jnp.sum(normalize(directions) * normalize(target_directions), axis=-1))
 
 

@@ -31,17 +31,14 @@ class Spec(NamedTuple):
     """The networks of a model and the sizes they work with; equal specs are equal static arguments of `jax.jit`.
 
     Attributes:
-        method: name in `ha2g_jax.methods.METHODS`.
+        method: name in `ha2g_jax.methods.TRAINABLE`.
         discriminator: network of the adversarial loss, None for a method without one.
         skeleton: skeleton with the statistics of the training split.
-        num_frames: frames of a window, N.
-        num_seed_frames: frames of the seed pose, M.
+        num_frames, num_seed_frames: frames of a window, N, and of the seed pose, M.
         inputs: names of the speech inputs of `encode_speech`, as in `ha2g_jax.data.speech`.
         training_inputs: names of the speech inputs of a training example.
         identity: batch key that identities are read from, "images" or "speaker"; "" for a method without identities.
         style_dim: number of values of a style, 0 for a method without identities.
-        num_reference_images: images of a speaker in one example.
-        image_size: height and width of an image in pixels.
     """
 
     method: str

@@ -23,15 +23,10 @@ _HALF_LINEAR = initializers.linear(0.5**0.5)
 
 
 class Sentence(NamedTuple):
-    """What the decoder knows of the words.
+    """What the decoder knows of the words."""
 
-    Attributes:
-        words: (B, T, h) e, one vector for each word in its sentence; 0 after the sentence's end.
-        states: (B, layers, h) the states that the decoder starts from.
-    """
-
-    words: jax.Array
-    states: jax.Array
+    words: jax.Array  # (B, T, h) e, one vector for each word in its sentence; 0 after the sentence's end
+    states: jax.Array  # (B, layers, h) that the decoder starts from
 
 
 class SentenceEncoder(nn.Module):
@@ -78,23 +73,16 @@ class PoseDecoder(nn.Module):
     def __call__(
         self, states: tuple[jax.Array, ...], pose: jax.Array, words: jax.Array, keys: jax.Array, *, train: bool
     ) -> tuple[tuple[jax.Array, ...], jax.Array]:
-        """One step.
+        """Return the states after this step, and the pose (B, pose_dim) of this frame.
 
         Attention is additive (Bahdanau et al. 2015),
 
             context = sum_i softmax_i(v . tanh(W [h ; e_i] + b)) e_i
 
         where h is the top state and i runs over all T steps: those after the sentence's end are zero vectors, but
-        have their share of the weight. Kept for parity with the published comparisons.
-
-        Args:
-            states: per layer (B, hidden_dim), after the step before.
-            pose: (B, pose_dim) of the frame before.
-            words: (B, T, hidden_dim) e.
-            keys: (B, T, hidden_dim) the words' part of W [h ; e].
-
-        Returns:
-            The states after this step, and the pose (B, pose_dim) of this frame.
+        have their share of the weight. Kept for parity with the published comparisons. States, per layer
+        (B, hidden_dim), and pose are those of the frame before; the words are e (B, T, hidden_dim), the keys their part
+        of W [h ; e].
         """
         attend = nn.Dense(self.hidden_dim, kernel_init=_HALF_LINEAR, name="attention_state")
         query = attend(states[-1].astype(pose.dtype))

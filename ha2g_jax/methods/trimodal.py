@@ -25,14 +25,10 @@ class Trimodal(nn.Module):
 
     Every method can be the `method=` of `apply`. Poses are flat, mean-subtracted direction vectors (D1). Only
     `encode_speech` uses "batch_stats"; it and `infer` draw from the stream "dropout" in training.
-
-    Attributes:
-        text: encoder of the words on frames; None for a model of sound alone.
-        slope: of the activation of the decoder, see `FrameDecoder`.
     """
 
     audio: WaveformEncoder
-    text: TextEncoder | None
+    text: TextEncoder | None  # None for a model of sound alone
     identity: SpeakerIdentity
     pose_dim: int
     hidden_dim: int = 300
@@ -109,15 +105,10 @@ class LossSettings(NamedTuple):
 
 
 class Outputs(NamedTuple):
-    """Results of the generator that the objective is differentiated by.
+    """Results of the generator that the objective is differentiated by."""
 
-    Attributes:
-        poses: one level, (B, N, pose_dim), mean-subtracted.
-        mean, log_variance: (B, 16) of the style.
-    """
-
-    poses: tuple[jax.Array]
-    mean: jax.Array
+    poses: tuple[jax.Array]  # one level, (B, N, pose_dim), mean-subtracted
+    mean: jax.Array  # (B, 16) of the style, as the log-variance
     log_variance: jax.Array
 
 

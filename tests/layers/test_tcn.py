@@ -56,11 +56,6 @@ def test_weight_normalisation_starts_as_the_identity(oracles):
     oracles.assert_close(params["scale"], np.sqrt((np.asarray(params["kernel"]) ** 2).sum((0, 1))))
 
 
-def test_unknown_receptive_field_is_named():
-    with pytest.raises(ValueError, match=r"'wide'.*centred"):
-        _encoder("wide").init(jax.random.key(0), jnp.zeros((1, 4), jnp.int32), train=False)
-
-
 def _torch_block(torch, inputs, channels, dilation):
     """The causal block of Bai et al. 2018."""
     weight_norm = torch.nn.utils.parametrizations.weight_norm

@@ -25,14 +25,8 @@ def conv(x: jax.Array, kernel: jax.Array, stride: tuple[int, int], padding: int)
     It is `jax.lax.conv_general_dilated` with other programs on CPUs, so that it has gradients of any order in reverse
     mode, but none in forward mode.
 
-    Args:
-        x: (B, H, W, inputs).
-        kernel: (height, width, inputs, channels), of the type of `x`.
-        stride: stride along height and width.
-        padding: number of zeros before and after each row and column.
-
-    Returns:
-        (B, (H + 2 padding - height) // stride + 1, ..., channels).
+    Images (B, H, W, inputs) and a kernel (height, width, inputs, channels) of the same type give
+    (B, (H + 2 padding - height) // stride + 1, ..., channels).
     """
     edges = [edge + 2 * padding - width for edge, width in zip(x.shape[1:3], kernel.shape[:2], strict=True)]
     if x.size and min(edges) >= 0 and library.is_used_for(x, kernel):
@@ -111,14 +105,8 @@ def kernel_gradient(
     The columns that a row of the kernel covers lie side by side on the channels, so that each product is that of
     (width inputs, positions) and (positions, channels). Sums are float32.
 
-    Args:
-        x: (B, H, W, inputs) input of the convolution.
-        cotangent: (B, H', W', channels) gradient of its output.
-        size: height and width of the kernel.
-        stride, padding: those of the convolution.
-
-    Returns:
-        (height, width, inputs, channels), of the type of `cotangent`.
+    From the input x (B, H, W, inputs) of the convolution and the gradient (B, H', W', channels) of its output comes
+    that of the kernel, (height, width, inputs, channels), whose height and width are `size`.
     """
     inputs, (_, height, width, channels) = x.shape[-1], cotangent.shape
     rows, columns = size

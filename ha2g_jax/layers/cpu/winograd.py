@@ -20,15 +20,9 @@ _VALUES = 1 << 19
 
 
 def conv(x: jax.Array, kernel: jax.Array, padding: int) -> jax.Array:
-    """Convolve images with a kernel of 3 x 3 and a stride of 1.
+    """Convolve images (B, H, W, inputs) with a kernel (3, 3, inputs, channels) and a stride of 1.
 
-    Args:
-        x: (B, H, W, inputs).
-        kernel: (3, 3, inputs, channels).
-        padding: number of zeros before and after each row and column.
-
-    Returns:
-        (B, H + 2 padding - 2, W + 2 padding - 2, channels).
+    The result is (B, H + 2 padding - 2, W + 2 padding - 2, channels).
     """
     batch, height, width, channels = len(x), x.shape[1] + 2 * padding - 2, x.shape[2] + 2 * padding - 2, kernel.shape[3]
     transformed = _kernel_tile(kernel)
@@ -45,16 +39,7 @@ def conv(x: jax.Array, kernel: jax.Array, padding: int) -> jax.Array:
 
 
 def kernel_gradient(x: jax.Array, cotangent: jax.Array, padding: int) -> jax.Array:
-    """Return the gradient of the kernel of `conv`.
-
-    Args:
-        x: (B, H, W, inputs) input of the convolution.
-        cotangent: (B, H + 2 padding - 2, W + 2 padding - 2, channels) gradient of its output.
-        padding: that of the convolution.
-
-    Returns:
-        (3, 3, inputs, channels).
-    """
+    """Return the gradient of the kernel of `conv` from its input and the gradient of its output."""
     inputs, (_, height, width, channels) = x.shape[3], cotangent.shape
     images = math.ceil(_VALUES / math.prod(x.shape[1:]))
     parts, cotangents = split(x, images), split(cotangent, images)
@@ -132,14 +117,8 @@ def split(x: jax.Array, images: int) -> jax.Array:
     """Split a batch into chunks, for a loop over the second axis.
 
     A chunk has the images at the same place of each part of the batch, and at least one image of each device, so that
-    a batch that is split over devices stays split.
-
-    Args:
-        x: (B, ...).
-        images: number of images of a chunk, at least; the next power of two or, where that does not divide B, less.
-
-    Returns:
-        (images of a chunk, number of chunks, ...).
+    a batch (B, ...) that is split over devices stays split. The result is (images of a chunk, number of chunks, ...),
+    with at least `images` of a chunk: the next power of two or, where that does not divide B, less.
     """
     chunk = math.gcd(len(x), 1 << (max(images, jax.device_count()) - 1).bit_length())
     return x.reshape(chunk, len(x) // chunk, *x.shape[1:])

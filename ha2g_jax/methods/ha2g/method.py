@@ -62,19 +62,12 @@ class LossSettings(NamedTuple):
 
 
 class Outputs(NamedTuple):
-    """Results of the generator that the objective is differentiated by.
+    """Results of the generator that the objective is differentiated by."""
 
-    Attributes:
-        poses: H arrays (B, N, d^h), mean-subtracted.
-        features: of the audio, each (B, N, 32).
-        text: (B, N, 32) text features.
-        mean, log_variance: (B, 18) of the identity.
-    """
-
-    poses: tuple[jax.Array, ...]
-    features: Features
-    text: jax.Array
-    mean: jax.Array
+    poses: tuple[jax.Array, ...]  # H arrays (B, N, d^h), mean-subtracted
+    features: Features  # of the audio, each (B, N, 32)
+    text: jax.Array  # (B, N, 32)
+    mean: jax.Array  # (B, 18) of the identity, as the log-variance
     log_variance: jax.Array
 
 
@@ -185,10 +178,7 @@ def run(
     Audio, text and identity are encoded once, for the whole batch, whose statistics BatchNorm takes. The pose
     inferer runs once for each of the two identities of a clip. It treats each clip by itself, so that in training it
     can take the batch in `compute.num_parts` parts. Evaluation mode takes the mean of each identity, not a sample.
-
-    Args:
-        spec, variables, batch, keys, train, compute: see `Method.run`.
-        exchange: function of the identities (B, 18) and a shift () that gives each clip those of another one.
+    `exchange` maps the identities (B, 18) and a shift () to those of another clip for each; see also `Method.run`.
     """
     speech, identity, seed = speech_arguments(spec, batch)
     (features, text, (mean, log_variance)), batch_stats = apply(

@@ -109,13 +109,12 @@ class ReleaseCoordinator(nn.Module):
 class ReleaseHA2G(nn.Module):
     """Speech audio, its words, a speaker and M seed poses to N poses on each level of the motion hierarchy.
 
-    It has the methods of `model.HA2G`. A style f_id has 16 (1 + H) values: those that the coordinator's blend follows
-    from, which are not drawn, then the style of each level.
+    It has the methods and fields of `model.HA2G`. A style f_id has 16 (1 + H) values: those that the coordinator's
+    blend follows from, which are not drawn, then the style of each level.
 
     Attributes:
         text: encoder of the words for the contrastive loss only; each level has one like it.
         identity: table of speakers, one like which each level has.
-        level_channels: channels of the flat pose that each level h = 1..H holds.
         has_shifted_head: whether the bones of the head enter the levels after the first one channel late, as in the
             networks of TED-Expressive that were released.
     """

@@ -76,10 +76,7 @@ conv_kernel_gradient.defvjp(
 def gru_states(gates: Sequence[jax.Array], kernels: Sequence[jax.Array], bias: jax.Array) -> jax.Array:
     """Return the states (N, B, h) of one GRU from a zero state.
 
-    Args:
-        gates: reset, update, new, each (N, B, h).
-        kernels: the hidden kernel of each gate, (h, h).
-        bias: (h,), the hidden bias of new.
+    Gates (N, B, h) and hidden kernels (h, h) are of reset, update and new, the hidden bias (h,) is of new.
     """
     like = jax.ShapeDtypeStruct(gates[0].shape, jnp.float32)
     return jax.ffi.ffi_call("Ha2gGruStates", like, vmap_method="sequential")(*gates, *kernels, bias)
@@ -90,10 +87,8 @@ def gru_sums(
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Return the gradients of the sums inside the gates of one GRU: reset, update, new, each (N, B, h).
 
-    Args:
-        cotangents: (N, B, h), the gradients of the states.
-        slopes: new, update, reset, inner, kept, each (N, B, h).
-        kernels: the hidden kernel of each gate, (h, h).
+    They follow from the gradients of the states and the slopes new, update, reset, inner and kept, each (N, B, h), and
+    from the hidden kernels (h, h).
     """
     like = jax.ShapeDtypeStruct(cotangents.shape, jnp.float32)
     call = jax.ffi.ffi_call("Ha2gGruSums", [like] * 3, vmap_method="sequential")

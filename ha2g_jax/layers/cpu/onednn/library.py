@@ -62,11 +62,7 @@ def is_available() -> bool:
 
 @contextlib.contextmanager
 def choosing(is_chosen: bool) -> Iterator[None]:
-    """Let functions that are traced in this context have the programs of oneDNN, or else those of XLA.
-
-    Args:
-        is_chosen: `Compute.onednn`, which is true only where `is_available`.
-    """
+    """Let functions that are traced in this context have the programs of oneDNN, or else those of XLA."""
     token = _is_chosen.set(is_chosen)
     try:
         yield
