@@ -18,21 +18,13 @@ STATISTICS = ("lengths", "mean_directions", "mean_pose", "angle_mean", "angle_va
 
 @dataclasses.dataclass(frozen=True)
 class Assets:
-    """Assets of a trained model.
-
-    Attributes:
-        skeleton: skeleton with the statistics of the training split.
-        vocabulary: words of the training split.
-        speakers: name -> (style_dim,) float32 style, in the order of the speakers' indices.
-        seed_poses: (K, M, bones, 3) float32 unit vectors, calm poses that generation starts from.
-        hash: hash of the weights, "" before training.
-    """
+    """Assets of a trained model; skeleton and words are those of the training split."""
 
     skeleton: Skeleton
     vocabulary: Vocabulary
-    speakers: dict[str, np.ndarray]
-    seed_poses: np.ndarray
-    hash: str = ""
+    speakers: dict[str, np.ndarray]  # name -> (style_dim,) float32 style, in the order of the speakers' indices
+    seed_poses: np.ndarray  # (K, M, bones, 3) float32 unit vectors, calm poses that generation starts from
+    hash: str = ""  # of the weights, "" before training
 
 
 def to_json(assets: Assets) -> dict[str, Any]:

@@ -18,11 +18,7 @@ from ha2g_jax.files.reading import reading, shown
 
 
 def load(spec: str | pathlib.Path) -> LoadedModel:
-    """Load a model.
-
-    Args:
-        spec: "demo", a model folder, a workdir, a checkpoint in a workdir, or hf://OWNER/NAME@REVISION, a model on the
-            Hub, see `hub`.
+    """Load a model: "demo", a model folder, a workdir, a checkpoint in a workdir, or hf://OWNER/NAME@REVISION.
 
     Raises:
         UserError: there is no model, or it is damaged.

@@ -41,15 +41,12 @@ def publish(
     *,
     is_private: bool = False,
 ) -> str:
-    """Publish a model as one commit on the Hub.
+    """Publish a model as one commit on the Hub, and return the name to load it by, hf://OWNER/NAME@COMMIT.
 
     Args:
         name: OWNER/NAME.
         licence: licence of the model, as the Hub names it, such as apache-2.0.
-        scores: Markdown file of `ha2g evaluate --markdown`, which the card has; None for a card without scores.
-
-    Returns:
-        The name to load it by, hf://OWNER/NAME@COMMIT.
+        scores: Markdown file of `ha2g evaluate --markdown`, which the card has.
 
     Raises:
         UserError: there is no model, the scores cannot be read, the licence has another form, or see `hub.publish`.
@@ -69,10 +66,7 @@ def publish(
 def write_card(model: LoadedModel, repository: str, licence: str, hashes: dict[str, str], scores: str = "") -> str:
     """Return the text of a model card: what the Hub reads, how to use the model, what it is, its scores and hashes.
 
-    Args:
-        repository: OWNER/NAME.
-        hashes: name of each file -> SHA-256 in hexadecimal digits.
-        scores: Markdown with scores, "" for none.
+    The hashes are the SHA-256 of each file, the scores Markdown, "" for none.
     """
     spec, flat = model.spec, weights.flatten(model.variables)
     parameters = sum(leaf.size for path, leaf in flat.items() if path.startswith("params"))
@@ -114,7 +108,9 @@ def _text(path: pathlib.Path) -> str:
 def average_models(models: Sequence[str | pathlib.Path], out: str | pathlib.Path) -> pathlib.Path:
     """Write the average of two or more models, see `loading.load`, as a model folder, completely or not at all.
 
-    A model that is given twice counts twice.
+    The mean, in float32, is that of the weights, of the statistics of the normalisation layers and of the styles of the
+    speakers. The vector of a word is the mean of those that the models have for it, where a model that lacks it counts
+    with its vector of unknown words. A model that is given twice counts twice.
 
     Raises:
         UserError: a model cannot be loaded, the models do not fit together, or the folder cannot be written.
@@ -128,22 +124,11 @@ def average_models(models: Sequence[str | pathlib.Path], out: str | pathlib.Path
                 f"{shown(models[0])} and {shown(name)} differ in {difference}; average models that were trained from "
                 "the same weights, for the same speakers"
             )
-    mean = average(loaded)
-    return model_folder.save(out, mean.config, mean.assets, mean.variables)
-
-
-def average(models: Sequence[LoadedModel]) -> LoadedModel:
-    """Average the weights, the statistics of the normalisation layers, and the styles of the speakers, in float32.
-
-    The models have the same networks and speakers; the result is the first one with the mean values. The vector of a
-    word is the mean of those that the models have for it, where a model that lacks it counts with its vector of unknown
-    words. The hash is set when it is saved.
-    """
-    first = models[0]
-    flat = [_with_words_of(first, model) for model in models]
+    first = loaded[0]
+    flat = [_with_words_of(first, model) for model in loaded]
     variables = traverse_util.unflatten_dict({name: _mean([it[name] for it in flat]) for name in flat[0]}, sep="/")
-    speakers = {name: _mean([model.assets.speakers[name] for model in models]) for name in first.assets.speakers}
-    return first._replace(variables=variables, assets=dataclasses.replace(first.assets, speakers=speakers, hash=""))
+    speakers = {name: _mean([model.assets.speakers[name] for model in loaded]) for name in first.assets.speakers}
+    return model_folder.save(out, first.config, dataclasses.replace(first.assets, speakers=speakers), variables)
 
 
 def _mean(arrays: Sequence[np.ndarray]) -> np.ndarray:

@@ -22,20 +22,15 @@ class Network(flax.struct.PyTreeNode):
 class TrainState(flax.struct.PyTreeNode):
     """Networks after `step` steps: those of Eq. 6, or a generator alone.
 
-    Attributes:
-        step: () int32 number of steps taken.
-        discriminator: network of the adversarial loss; None for a method without one.
-        average: running mean over the steps of {"params", "batch_stats"} of the generator; None for an objective
-            without an average.
-        is_finite: () bool, whether the losses and gradient norms of all steps were finite. Once one was not, no step
-            changes the state any more, which stays as it was before that step.
+    `is_finite` tells whether the losses and gradient norms of all steps were finite. Once one was not, no step changes
+    the state any more, which stays as it was before that step.
     """
 
-    step: jax.Array
+    step: jax.Array  # () int32
     generator: Network
-    discriminator: Network | None
-    average: Any
-    is_finite: jax.Array
+    discriminator: Network | None  # of the adversarial loss
+    average: Any  # running mean over the steps of {"params", "batch_stats"} of the generator, None for no average
+    is_finite: jax.Array  # () bool
 
     @property
     def model(self) -> dict[str, Any]:

@@ -96,8 +96,7 @@ def read(path: pathlib.Path) -> dict[str, Any]:
         UserError: a tensor has another type than floating numbers, or values that are not finite.
     """
     with open_tensors(path) as file:
-        names = file.keys()
-        flat = {name: read_tensor(file, name, path) for name in names}
+        flat = {name: read_tensor(file, name, path) for name in file.keys()}  # noqa: SIM118
     return {"params": {}, "batch_stats": {}} | traverse_util.unflatten_dict(flat, sep="/")
 
 

@@ -63,15 +63,10 @@ _FIELDS = {
 
 
 class WhisperWeights(NamedTuple):
-    """A trained encoder.
-
-    Attributes:
-        sizes: fields of the `WhisperEncoder`.
-        params: parameters of `WhisperEncoder(**sizes._asdict())` as float32 numpy arrays.
-    """
+    """A trained encoder."""
 
     sizes: WhisperSizes
-    params: dict[str, Any]
+    params: dict[str, Any]  # of `WhisperEncoder(**sizes._asdict())` as float32 numpy arrays
 
 
 def load(folder: str | pathlib.Path) -> WhisperWeights:
@@ -152,10 +147,8 @@ def _read_json(path: pathlib.Path, max_bytes: int) -> dict[str, Any]:
 
 
 class _Place(NamedTuple):
-    """File and name of a tensor."""
-
     path: pathlib.Path
-    name: str
+    name: str  # of the tensor in the file
 
 
 def _places(folder: pathlib.Path) -> dict[str, _Place]:

@@ -46,17 +46,10 @@ def open_corpus(config: Config) -> Corpus:
 
 
 def open_windows(config: Config, spec: Spec, corpus: Corpus, vocabulary: Vocabulary, split: str) -> Windows:
-    """Return the windows of a split in the shapes that a model takes.
+    """Return the windows of a split in the shapes that a model takes; the words are those of the training split.
 
     A model with a table of speakers has rows for the speakers of the training split only, so that clips of other
     speakers are left out.
-
-    Args:
-        config: settings of the run.
-        spec: networks and sizes.
-        corpus: corpus that has the split.
-        vocabulary: words of the training split.
-        split: name of the split.
 
     Raises:
         UserError: the split has no clips that the model can use, or lacks inputs of the model.
@@ -119,8 +112,7 @@ def training_batches(
 def pretrained(config: Config, spec: Spec, vocabulary: Vocabulary) -> dict[str, Any]:
     """Read the weights that the config names, of a model or of parts of one, which take the place of random ones.
 
-    Returns:
-        A part of the tree {"params", "batch_stats"} of the generator.
+    They are a part of the tree {"params", "batch_stats"} of the generator.
 
     Raises:
         UserError: a model or a file cannot be used, or does not fit the config.
@@ -168,15 +160,7 @@ def initial_variables(source: str, spec: Spec, vocabulary: Vocabulary) -> dict[s
 
     A word that the model knows keeps its vector; every other word starts with that of unknown words. A table of
     speakers is left out, and starts anew. So does all of E_ID where the model has styles from images and the generator
-    from a table, or the other way round.
-
-    Args:
-        source: the model, see `ha2g_jax.checkpoint.loading.load`.
-        spec: networks and sizes of the generator.
-        vocabulary: words of the generator.
-
-    Returns:
-        A part of the tree {"params", "batch_stats"} of the generator.
+    from a table, or the other way round. The result is a part of the tree {"params", "batch_stats"} of the generator.
 
     Raises:
         UserError: there is no such model, or it has another method, skeleton or size than the generator.
@@ -209,15 +193,9 @@ def _is_new(name: str, has_same_kind: bool) -> bool:
 
 
 def calm_starts(windows: Windows, mean_directions: np.ndarray, num_frames: int) -> np.ndarray:
-    """Return calm seed poses: of the starts of windows that are near the mean pose, those that move least.
+    """Return calm seed poses (K, M, bones, 3): of the starts of windows near the mean pose, those that move least.
 
-    Args:
-        windows: windows of the training split.
-        mean_directions: (bones, 3) mean direction vectors of the training split.
-        num_frames: number of frames of a seed pose, M.
-
-    Returns:
-        (K, M, bones, 3) float32 unit vectors, at most 16, and at most one from each clip.
+    There are at most 16, and at most one from each clip; the mean directions are (bones, 3).
     """
     starts = np.stack([windows.directions(index)[:num_frames] for index in range(len(windows))])
     distance = np.linalg.norm(starts - mean_directions, axis=-1).mean(axis=(1, 2))
@@ -232,16 +210,9 @@ def calm_starts(windows: Windows, mean_directions: np.ndarray, num_frames: int) 
 def speaker_identities(
     spec: Spec, variables: dict[str, Any], windows: Windows, names: list[str]
 ) -> dict[str, np.ndarray]:
-    """Return the style of every speaker, the output of E_ID, averaged over at most eight training clips.
+    """Return the style (style_dim,) of every speaker, the output of E_ID, averaged over at most eight training clips.
 
-    Args:
-        spec: networks and sizes.
-        variables: variables of the generator.
-        windows: windows of the training split.
-        names: names of the speakers of the training split, by index.
-
-    Returns:
-        name -> (style_dim,) float32; empty for a method without identities.
+    Windows and names, by index, are those of the training split; a method without identities has no styles.
     """
     if not spec.identity:
         return {}

@@ -56,8 +56,6 @@ def train(
     the config sets `train.sample_every`. All hosts of a run call this function with the same arguments.
 
     Args:
-        config: settings, see `ha2g_jax.config.settings.paper`.
-        workdir: folder of the run, the same for all hosts; created if it does not exist.
         profile: whether to write a trace of a few steps to profile/.
         draw_sample: function that writes a video of a clip, such as `ha2g_jax.evaluation.samples.write_sample`.
 
@@ -246,11 +244,7 @@ def _is_due(step: int, every: int, last: int) -> bool:
 class Validation:
     """Mean terms of the objective over a split, in the same batches every time.
 
-    Args:
-        objective: networks and objective.
-        mesh: mesh from `sharding.data_mesh`.
-        windows: windows of the split; those that do not fill a batch are left out.
-        batch_size: largest number of windows in a batch; batches are smaller if the split has fewer windows.
+    Windows that do not fill a batch are left out; batches are smaller if the split has fewer windows.
 
     Raises:
         UserError: there are fewer windows than devices.

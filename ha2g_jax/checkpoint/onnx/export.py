@@ -51,9 +51,6 @@ def build(loaded: LoadedModel, *, weights: str = "float32", license: str = "") -
     Its inputs are "mel" (B, 128, columns) in dB, "style" (B, style_dim) and "seed_pose" (B, M, bones, 3), unit
     vectors; its output is "poses" (B, N, bones, 3), unit vectors, those of `synthesis.scan.generate_window`.
 
-    Args:
-        weights: form of large weights, one of `networks.WEIGHTS`.
-
     Raises:
         UserError: the model is of another method, or has another audio encoder.
     """

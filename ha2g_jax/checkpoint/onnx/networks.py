@@ -45,16 +45,13 @@ class Graph:
         self._constants: dict[str, onnx.TensorProto] = {}
         self._names: dict[str, int] = {}
 
-    def add(self, op: str, *inputs: str, name: str = "", outputs: int = 1, **attributes: Any) -> str:
-        """Add a node and return the name of the first of its outputs.
+    def add(self, op: str, *inputs: str, name: str = "", **attributes: Any) -> str:
+        """Add a node and return its name, made unique, which is that of its output; by default that of the operator.
 
-        Args:
-            inputs: names of values; "" for an optional input that is left out.
-            name: name of the node and of its output, made unique; by default that of the operator.
+        An optional input that is left out has the name "".
         """
         name = self._unique(name or op.lower())
-        names = [name, *(f"{name}_{index}" for index in range(1, outputs))]
-        self._nodes.append(helper.make_node(op, inputs, names, name=name, **attributes))
+        self._nodes.append(helper.make_node(op, inputs, [name], name=name, **attributes))
         return name
 
     def constant(self, values: Any, name: str = "constant") -> str:

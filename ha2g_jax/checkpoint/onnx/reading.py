@@ -43,28 +43,18 @@ _TEXTS = ("name", "method", "weights", "license")
 
 
 class Description(NamedTuple):
-    """A model without its networks.
-
-    Attributes:
-        method: method of the model, "ha2g".
-        num_frames: frames of a window, N.
-        num_seed_frames: frames of the seed pose, M.
-        style_dim: values of a style.
-        has_hidden_ends: whether the model was trained with hidden ends, `config.data.lookahead` > 0.
-        weights: form of the weights in the file, see `graph.WEIGHTS`.
-        assets: skeleton, speakers and seed poses; without a vocabulary.
-    """
+    """A model without its networks."""
 
     name: str
-    method: str
+    method: str  # "ha2g"
     num_frames: int
     num_seed_frames: int
     fps: int
     style_dim: int
-    has_hidden_ends: bool
-    weights: str
+    has_hidden_ends: bool  # whether the model was trained with hidden ends, `config.data.lookahead` > 0
+    weights: str  # form of the weights in the file, see `networks.WEIGHTS`
     license: str
-    assets: Assets
+    assets: Assets  # without a vocabulary
 
 
 def to_metadata(description: Description) -> dict[str, str]:
@@ -92,10 +82,7 @@ def to_metadata(description: Description) -> dict[str, str]:
 
 
 def from_metadata(metadata: Mapping[str, str]) -> Description:
-    """Return the description that `to_metadata` wrote.
-
-    Args:
-        metadata: texts by name, of any origin.
+    """Return the description that `to_metadata` wrote, from texts of any origin.
 
     Raises:
         KeyError, TypeError, ValueError, OverflowError: the texts are not a description.
@@ -133,22 +120,14 @@ def from_metadata(metadata: Mapping[str, str]) -> Description:
 
 
 class Parts(NamedTuple):
-    """A graph in two, so that the speech of a window can be encoded while the window before is sampled.
+    """A graph in two, so that the speech of a window can be encoded while the window before is sampled."""
 
-    Attributes:
-        encoder: ONNX from "mel" to f_low, f_mid and f_high.
-        sampler: ONNX from f_low, f_mid, f_high, "style" and "seed_pose" to "poses".
-    """
-
-    encoder: bytes
-    sampler: bytes
+    encoder: bytes  # ONNX from "mel" to f_low, f_mid and f_high
+    sampler: bytes  # ONNX from f_low, f_mid, f_high, "style" and "seed_pose" to "poses"
 
 
 def read(path: str | pathlib.Path) -> tuple[Description, Parts]:
-    """Read a model.
-
-    Args:
-        path: file that `export` wrote.
+    """Read a model from a file that `export` wrote.
 
     Raises:
         UserError: the file is missing, damaged or not of the kind that `export` writes, or the package onnx is missing.

@@ -44,22 +44,15 @@ class DoesNotFitError(ValueError):
 
 
 class Released(NamedTuple):
-    """What a released file holds, as a model.
-
-    Attributes:
-        discriminator: those of the discriminator, {} where the file has none.
-        assets: skeleton, vocabulary, styles of the speakers and the start pose.
-        rows: rows of the table that its tensors were found by.
-        notes: sentences on what was left out, or is not as usual.
-    """
+    """What a released file holds, as a model."""
 
     config: Config
     spec: Spec
     variables: dict[str, Any]
-    discriminator: dict[str, Any]
+    discriminator: dict[str, Any]  # its variables, {} where the file has none
     assets: Assets
-    rows: list[Row]
-    notes: list[str]
+    rows: list[Row]  # of the table that its tensors were found by
+    notes: list[str]  # sentences on what was left out, or is not as usual
 
 
 def import_weights(path: str | os.PathLike, out: str | os.PathLike) -> tuple[pathlib.Path, list[str]]:
