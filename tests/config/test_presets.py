@@ -77,21 +77,6 @@ def test_a_method_weighs_its_own_terms():
         assert set(config.loss[config.method].weights) == set(TRAINABLE[config.method].Terms._fields)
 
 
-def test_the_release_weighs_a_level_as_the_public_code():
-    for data, huber in (("ted_expressive", 250.0), ("ted_gesture", 70.0)):
-        config = presets.make(data, method="ha2g_release")
-        assert (config.loss.ha2g.weights.huber, config.loss.ha2g.weights.gan) == (huber, 5.0)
-        assert config.train.discriminator_learning_rate == pytest.approx(0.2 * config.train.learning_rate)
-
-
-def test_the_study_takes_the_settings_that_its_trials_chose_and_a_change_overrides_them():
-    assert presets.make("talk", "study").loss.ha2g.weights.style == 0.01
-    assert presets.make("talk", "study", "seq2seq").train.learning_rate == 1e-3
-    assert presets.make("talk", "small").loss.ha2g.weights.style == 0.05
-    changed = presets.make("talk", "study", changes={"loss.ha2g.weights.style": 0.2})
-    assert changed.loss.ha2g.weights.style == 0.2
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

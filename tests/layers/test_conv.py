@@ -197,20 +197,12 @@ def test_equals_pytorch(train, oracles):
     torch.manual_seed(0)
     theirs = torch.nn.BatchNorm2d(3).train(train)
     oracles.shake(torch, theirs)
-    variables = {"params": oracles.norm(theirs), "batch_stats": oracles.statistics(theirs)}
-    x = torch.tensor(_random((4, 3, 5, 2)), requires_grad=True)
-    out = theirs(x)
-    cotangent = torch.randn_like(out)
-    out.backward(cotangent)
-
-    def run(params, x):
-        return BatchNorm().apply(variables | {"params": params}, x, train=train, mutable=["batch_stats"])
-
-    last = (0, 2, 3, 1)
-    y, pull_back, updates = jax.vjp(run, variables["params"], oracles.value(x).transpose(last), has_aux=True)
-    oracles.assert_close(y, oracles.value(out).transpose(last))
-    oracles.assert_close(
-        pull_back(jnp.asarray(oracles.value(cotangent).transpose(last))),
-        (oracles.norm(theirs, oracles.gradient), oracles.gradient(x).transpose(last)),
+    oracles.check(
+        torch,
+        BatchNorm(),
+        lambda of: oracles.norm(theirs, of),
+        theirs,
+        torch.tensor(_random((4, 3, 5, 2))),
+        lambda: oracles.statistics(theirs),
+        train=train,
     )
-    oracles.assert_close(updates["batch_stats"], oracles.statistics(theirs))

@@ -1,7 +1,6 @@
 """Identity encoders: the ResNet-18 equals PyTorch's layers, and the order of the M images has no effect."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -78,27 +77,17 @@ def test_resnet18_equals_pytorch_in_values_and_gradients(train, oracles):
     torch.manual_seed(0)
     theirs = _resnet18(torch, width=4).train(train)
     oracles.shake(torch, theirs)
-    variables = {
-        "params": _read(theirs, oracles.conv, oracles.norm),
-        "batch_stats": _read(theirs, None, oracles.statistics),
-    }
-    x = torch.randn(3, 3, 70, 70)
-    out = _run_resnet18(torch, theirs, x)
-    assert out.shape == (3, 32, 3, 3)
-    cotangent = torch.randn_like(out)
-    out.backward(cotangent)
 
-    def run(params):
-        images = jnp.asarray(oracles.value(x).transpose(LAST))
-        return ResNet(width=4).apply(variables | {"params": params}, images, train=train, mutable=["batch_stats"])
+    def read(of):
+        return _read(theirs, lambda layer: oracles.conv(layer, of), lambda layer: oracles.norm(layer, of))
 
-    y, pull_back, updates = jax.vjp(jax.jit(run), variables["params"], has_aux=True)
-    oracles.assert_close(y, oracles.value(out).transpose(LAST))
-    oracles.assert_close(updates["batch_stats"], _read(theirs, None, oracles.statistics))
-    (gradients,) = pull_back(jnp.asarray(oracles.value(cotangent).transpose(LAST)))
-    expected = _read(
-        theirs,
-        lambda layer: oracles.conv(layer, oracles.gradient),
-        lambda layer: oracles.norm(layer, oracles.gradient),
+    oracles.check(
+        torch,
+        ResNet(width=4),
+        read,
+        lambda x: _run_resnet18(torch, theirs, x),
+        torch.randn(3, 3, 70, 70),
+        lambda: _read(theirs, None, oracles.statistics),
+        train=train,
+        tolerance=3e-5,  # 17 layers of float32 lie between
     )
-    oracles.assert_close(gradients, expected, 3e-5)  # 17 layers of float32 lie between

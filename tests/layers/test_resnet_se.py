@@ -72,23 +72,8 @@ def test_basic_block_equals_pytorch_in_values_and_gradients(train, oracles):
     def statistics():
         return {name: oracles.statistics(layer) for name, layer in norms.items()}
 
-    variables = {"params": read(oracles.value), "batch_stats": statistics()}
-    x = torch.randn(3, 4, 9, 7, requires_grad=True)
-    out = theirs(x)
-    cotangent = torch.randn_like(out)
-    out.backward(cotangent)
-
-    def run(params, x):
-        block = BasicBlock(channels=16, stride=2)
-        return block.apply(variables | {"params": params}, x, train=train, mutable=["batch_stats"])
-
-    y, pull_back, updates = jax.vjp(jax.jit(run), variables["params"], oracles.value(x).transpose(LAST), has_aux=True)
-    oracles.assert_close(y, oracles.value(out).transpose(LAST))
-    oracles.assert_close(
-        pull_back(jnp.asarray(oracles.value(cotangent).transpose(LAST))),
-        (read(oracles.gradient), oracles.gradient(x).transpose(LAST)),
-    )
-    oracles.assert_close(updates["batch_stats"], statistics())
+    module, x = BasicBlock(channels=16, stride=2), torch.randn(3, 4, 9, 7)
+    oracles.check(torch, module, read, theirs, x, statistics, train=train)
 
 
 @pytest.mark.torch

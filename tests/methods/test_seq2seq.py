@@ -7,9 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ha2g_jax.methods import seq2seq
 from ha2g_jax.methods.seq2seq import PoseDecoder, Seq2Seq, continuity, mse, variance
-from ha2g_jax.train.step import step_keys, validation_step
 
 
 def test_terms_by_hand():
@@ -29,20 +27,6 @@ def test_variance_of_a_value_at_its_mean_has_a_gradient():
 
 def test_the_word_table_has_rows_for_the_marks_of_start_and_end(make_objective):
     assert make_objective("seq2seq").spec.generator.num_words == 11 + 2
-
-
-def test_evaluation_is_of_each_clip_by_itself(make_objective, make_motion_batch, draw_state):
-    objective = make_objective("seq2seq")
-    batch, state = make_motion_batch(objective, 3), draw_state(objective)
-    keys = step_keys(objective.spec, jax.random.key(1), state.step)
-    run = jax.jit(
-        lambda batch: seq2seq.run(objective.spec, state.generator.variables, batch, keys, train=False).outputs.poses[-1]
-    )
-    single = jax.tree.map(lambda x: x[1:2], batch)
-    np.testing.assert_allclose(run(single), run(batch)[1:2], rtol=1e-4, atol=1e-5)
-    metrics = jax.jit(functools.partial(validation_step, objective))(state, single, jax.random.key(1))
-    assert set(metrics) == {"loss/mse", "loss/continuity", "loss/variance", "loss/total"}
-    assert np.isfinite(list(metrics.values())).all()
 
 
 NUM_WORDS, POSE_DIM, NUM_FRAMES, HIDDEN_DIM = 9, 3, 12, 4

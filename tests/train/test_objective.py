@@ -10,31 +10,14 @@ import pytest
 
 from ha2g_jax.checkpoint import weights
 from ha2g_jax.config import presets
-from ha2g_jax.config import settings as configs
 from ha2g_jax.methods.build import build as build_method
 from ha2g_jax.methods.method import restore, subtract_mean
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.train.inputs import word_table
-from ha2g_jax.train.objective import adam, build_objective, init_state, learning_rate, merge
+from ha2g_jax.train.objective import adam, init_state, learning_rate, merge
 
 GRADIENT: Any = {"a": jnp.array([3.0, 0.0]), "b": jnp.array([4.0])}
 PARAMS: Any = jax.tree.map(jnp.zeros_like, GRADIENT)
-
-
-def test_paper_config_gives_the_sizes_of_the_paper():
-    config = configs.paper("ted_expressive")
-    objective = build_objective(config, load_skeleton("ted_expressive"), 100, 24, steps_per_epoch=7)
-    assert objective.spec.generator.audio.blocks == (3, 4, 6, 3)
-    assert (objective.spec.generator.hidden_dim, objective.spec.generator.layers) == (300, 4)
-    assert objective.weights._asdict() == {
-        "gan": 1.0,
-        "huber": 200.0,
-        "physical": 0.01,  # D18
-        "style": 0.05,
-        "kld": 0.1,
-        "contrastive": 0.1,
-    }
-    assert objective.warmup_steps == 70
 
 
 def test_a_speaker_and_the_mirror_image_are_two_rows_of_the_table(config, build):

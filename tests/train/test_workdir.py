@@ -77,12 +77,6 @@ def test_the_end_of_a_cosine_is_no_free_setting(workdir, config):
         fits.check_workdir(workdir, config)
 
 
-def test_a_workdir_from_before_a_setting_existed_goes_on(workdir, config):
-    path = workdir / model_folder.CONFIG
-    path.write_text("\n".join(line for line in path.read_text().splitlines() if '"mirror"' not in line))
-    fits.check_workdir(workdir, config)
-
-
 def test_more_devices_than_there_are_and_videos_of_no_motion_are_refused(config):
     fits.check_machine(config)
     config.train.devices = 99
