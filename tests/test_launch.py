@@ -124,11 +124,3 @@ def test_the_other_flags_reach_training(trained, tmp_path, capsys):
     assert (settings["profile"], defaults["profile"]) == (True, False)
     assert settings["draw_sample"].__name__ == "write_sample"
     assert capsys.readouterr().out == f"{tmp_path}\n" * 2
-
-
-def test_a_config_without_data_says_so():
-    from ha2g_jax.train import inputs
-
-    config = launch.load_config("ted_gesture:debug")
-    with pytest.raises(UserError, match=r"data\.path"):
-        inputs.open_corpus(config)

@@ -8,7 +8,6 @@ import pytest
 
 from ha2g_jax.config import presets, settings
 from ha2g_jax.errors import UserError
-from ha2g_jax.methods import TRAINABLE
 from ha2g_jax.methods import build as specs
 from ha2g_jax.methods.method import example_batch
 from ha2g_jax.skeleton import load_skeleton
@@ -69,12 +68,6 @@ def test_stages_that_an_ablation_leaves_out_are_gone():
     assert widths["without hand hierarchy"] == [24, 30, 36, 126]
     assert widths["without body hierarchy"] == [36, 66, 96, 126]
     assert widths["HA2G Full"] == [24, 30, 36, 66, 96, 126]
-
-
-def test_a_method_weighs_its_own_terms():
-    for method in presets.METHODS:
-        config = presets.make("ted_expressive", method=method)
-        assert set(config.loss[config.method].weights) == set(TRAINABLE[config.method].Terms._fields)
 
 
 @pytest.mark.parametrize(

@@ -179,17 +179,6 @@ def test_training_normalises_by_the_biased_and_keeps_the_unbiased_variance(oracl
     oracles.assert_close(updates["batch_stats"]["variance"], 0.9 + 0.1 * x.var((0, 1), ddof=1))
 
 
-def test_evaluation_uses_the_running_statistics(oracles):
-    x = _random((2, 3))
-    mean, variance = np.array([1.0, 2, 3], np.float32), np.array([4.0, 1, 9], np.float32)
-    variables = {
-        "params": {"scale": np.full(3, 2, np.float32), "bias": np.full(3, 0.5, np.float32)},
-        "batch_stats": {"mean": mean, "variance": variance},
-    }
-    y = BatchNorm().apply(variables, x, train=False)
-    oracles.assert_close(y, 2 * (x - mean) / np.sqrt(variance + 1e-5) + 0.5)
-
-
 @pytest.mark.torch
 @pytest.mark.parametrize("train", [True, False])
 def test_equals_pytorch(train, oracles):

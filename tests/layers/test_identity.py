@@ -6,8 +6,6 @@ import pytest
 
 from ha2g_jax.layers.identity import ImageIdentity, ResNet
 
-LAST = (0, 2, 3, 1)  # channels first to channels last
-
 
 def test_frames_are_averaged_whatever_their_order(oracles):
     frames = np.random.default_rng(0).integers(0, 256, (2, 3, 40, 40, 3), np.uint8)

@@ -5,9 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ha2g_jax.layers.resnet_se import AudioEncoder, BasicBlock, Head, SqueezeExcite, pixel_shuffle
+from ha2g_jax.layers.resnet_se import AudioEncoder, BasicBlock, SqueezeExcite, pixel_shuffle
 
-LAST = (0, 2, 3, 1)  # channels first to channels last
 SMALL = {"blocks": (1, 1, 1, 1), "channels": (8, 8, 16, 32), "stem_stride": (2, 1)}
 
 
@@ -74,24 +73,3 @@ def test_basic_block_equals_pytorch_in_values_and_gradients(train, oracles):
 
     module, x = BasicBlock(channels=16, stride=2), torch.randn(3, 4, 9, 7)
     oracles.check(torch, module, read, theirs, x, statistics, train=train)
-
-
-@pytest.mark.torch
-def test_head_equals_pytorch(oracles):
-    """PixelShuffle, convolution and the order in which channels and mel bins are merged."""
-    torch = pytest.importorskip("torch")
-    torch.manual_seed(0)
-    nn = torch.nn
-    conv, norm, linear = nn.Conv2d(2, 2, 3), nn.BatchNorm2d(2), nn.Linear(2 * 14, 5)
-    oracles.shake(torch, norm)
-    norm.eval()
-    x = torch.randn(3, 32, 4, 9)
-    y = norm(torch.relu(conv(nn.PixelShuffle(4)(x))))
-    out = linear(y.flatten(1, 2).transpose(1, 2))
-
-    variables = {
-        "params": {"conv": oracles.conv(conv), "norm": oracles.norm(norm), "linear": oracles.dense(linear)},
-        "batch_stats": {"norm": oracles.statistics(norm)},
-    }
-    head = Head(shuffle=4, kernel=3, feature_dim=5)
-    oracles.assert_close(head.apply(variables, oracles.value(x).transpose(LAST), train=False), oracles.value(out))

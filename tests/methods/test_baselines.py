@@ -14,6 +14,7 @@ from ha2g_jax.layers.identity import SpeakerIdentity
 from ha2g_jax.layers.tcn import TextEncoder
 from ha2g_jax.layers.waveform import WaveformEncoder
 from ha2g_jax.methods.adversarial import Discriminator
+from ha2g_jax.methods.autoencoder import PoseAutoencoder
 from ha2g_jax.methods.build import method_of
 from ha2g_jax.methods.joint_embedding import JointEmbedding
 from ha2g_jax.methods.seq2seq import Seq2Seq
@@ -173,6 +174,8 @@ COUNTS = {
     "joint_embedding": (6_933_075, 6_970_200),
     "trimodal": (7_183_003, 7_376_152),
     "discriminator": (253_950, 258_702),
+    # That of TED-Gesture has two more linear maps of 32 to 32.
+    "autoencoder": (190_691 - 2 * (32 * 32 + 32), 226_214),
 }
 
 
@@ -194,6 +197,7 @@ def networks(pose_dim):
         ),
         "trimodal": (Trimodal(WaveformEncoder(), text(), identity, pose_dim), speech, jnp.zeros(1, jnp.int32), seed),
         "discriminator": (Discriminator(), poses),
+        "autoencoder": (PoseAutoencoder(pose_dim, {27: 32, 126: 128}[pose_dim]), poses),
     }
 
 

@@ -62,11 +62,15 @@ def test_a_sound_moves_the_features_of_its_frame(fps, num_frames):
     loud = [int(frame / fps * 31.25) for frame in (num_frames // 4, 3 * num_frames // 4)]
     mels = jnp.concatenate([silence, *(silence.at[:, :, column].set(0.0) for column in loud)])
     features: Any = jax.jit(functools.partial(encoder.apply, train=False))(variables, mels)
-    low = np.asarray(features.low)
-    for row, column in enumerate(loud, 1):
-        moved = np.abs(low[row] - low[0]).sum(axis=-1)
-        centre = np.sum(moved * (np.arange(num_frames) + 0.5)) / np.sum(moved) / fps
-        assert abs(centre - column / 31.25) < 0.1
+    assert_moved_at([column / 31.25 for column in loud], np.asarray(features.low), fps)
+
+
+def assert_moved_at(times, features, fps):
+    """Check where the later rows of features (B, N, values) differ from the first."""
+    for time, row in zip(times, features[1:], strict=True):
+        moved = np.abs(row - features[0]).sum(axis=-1)
+        centre = np.sum(moved * (np.arange(len(row)) + 0.5)) / np.sum(moved) / fps
+        assert abs(centre - time) < 0.1
 
 
 @pytest.mark.parametrize(("fps", "num_frames"), [(15, 34), (30, 68)])
@@ -77,10 +81,7 @@ def test_steps_of_a_waveform_lie_at_their_time(fps, num_frames):
     variables = encoder.init(jax.random.key(0), samples, train=False)
     clicks = jnp.concatenate([samples, samples.at[:, 12000].set(1.0), samples.at[:, 28000].set(1.0)])
     features = np.asarray(encoder.apply(variables, clicks, train=False))
-    for row, sample in ((1, 12000), (2, 28000)):
-        moved = np.abs(features[row] - features[0]).sum(axis=-1)
-        centre = np.sum(moved * (np.arange(num_frames) + 0.5)) / np.sum(moved) / fps
-        assert abs(centre - sample / 16000) < 0.1
+    assert_moved_at([12000 / 16000, 28000 / 16000], features, fps)
 
 
 def test_a_setting_that_is_not_possible_is_refused_before_networks_are_built():

@@ -141,16 +141,6 @@ def test_context_encoder_equals_pytorch(train, oracles):
     features, updates = run(oracles.value(x))
     oracles.assert_close(features, expected)
     oracles.assert_close(updates["batch_stats"]["norm"], oracles.statistics(norm))
-    # The GRU's own gradient, through the last step alone.
-    (expected_gradient,) = torch.autograd.grad(linears["mean"](hidden).sum(), gru.weight_hh_l0)
-    gradient = jax.grad(
-        lambda params: jnp.sum(
-            ContextEncoder(3, 8, 2).apply(
-                variables | {"params": params}, oracles.value(x), train=train, mutable=["batch_stats"]
-            )[0][0]
-        )
-    )(variables["params"])
-    oracles.assert_close(gradient["gru"]["weight_hh_l0"], oracles.value(expected_gradient), 1e-4)
 
 
 @pytest.mark.torch

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ha2g_jax.methods.speech2gesture import Block, PatchDiscriminator, Speech2Gesture, l1, lay_on_frames
+from ha2g_jax.methods.speech2gesture import PatchDiscriminator, Speech2Gesture, l1, lay_on_frames
 from ha2g_jax.train.step import train_step
 
 # Fewer layers than the paper's, which take long to compile.
@@ -68,25 +68,6 @@ def variables(model):
     for _ in range(20):
         variables = move(variables)
     return variables
-
-
-@pytest.mark.parametrize(
-    ("size", "kernel", "stride", "before"), [(35, 4, 2, 1), (34, 4, 2, 1), (9, 4, 1, 1), (7, 3, 1, 1)]
-)
-def test_odd_padding_goes_to_the_right(size, kernel, stride, before):
-    """Compared with an explicit sum over a window; an odd rest of the padding is at the end."""
-    x = np.random.default_rng(0).uniform(1, 2, (1, size, 1)).astype(np.float32)
-    params = {"conv": {"kernel": np.ones((kernel, 1, 1), np.float32), "bias": np.zeros(1, np.float32)}}
-    params["norm"] = {"scale": np.full(1, np.sqrt(1 + 1e-5), np.float32), "bias": np.zeros(1, np.float32)}
-    statistics = {"norm": {"mean": np.zeros(1, np.float32), "variance": np.ones(1, np.float32)}}
-    variables = {"params": params, "batch_stats": statistics}
-    found = np.asarray(Block(1, (kernel,), stride).apply(variables, x, train=False))
-
-    count = -(-size // stride)
-    total = (count - 1) * stride + kernel - size
-    padded = np.pad(x[0, :, 0], (before, total - before))
-    expected = [padded[stride * index : stride * index + kernel].sum() for index in range(count)]
-    np.testing.assert_allclose(found[0, :, 0], expected, rtol=1e-5)
 
 
 def test_time_is_laid_on_frames_without_aligned_corners():

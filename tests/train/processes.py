@@ -1,13 +1,13 @@
 """Start the processes of a run for the tests; also the script that these processes run.
 
-`python processes.py COORDINATOR COUNT ID START.npz END.npz` trains on the rows of this process in batches of a file.
+`python processes.py COORDINATOR COUNT ID START.pickle END.pickle` trains on its rows of the batches.
 """
 
 import concurrent.futures
 import dataclasses
-import functools
 import os
 import pathlib
+import pickle
 import socket
 import subprocess
 import sys
@@ -22,7 +22,7 @@ from ha2g_jax.checkpoint.state import TrainState
 from ha2g_jax.config import presets
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.train import hosts, sharding
-from ha2g_jax.train.objective import Objective, build_objective, init_state
+from ha2g_jax.train.objective import Objective, build_objective
 
 STOP_AT = 2  # the step at which the last process asks to end
 
@@ -65,12 +65,8 @@ def train_in_processes(
     Returns:
         The leaves of the state after the steps, and which steps stop.
     """
-    start, end = folder / "start.npz", folder / "end.npz"
-    leaves: dict[str, Any] = {f"state/{number}": leaf for number, leaf in enumerate(jax.tree.leaves(state))}
-    rows: dict[str, Any] = {
-        f"{number}/{name}": array for number, batch in enumerate(batches) for name, array in batch.items()
-    }
-    np.savez(start, **leaves, **rows)
+    start, end = folder / "start.pickle", folder / "end.pickle"
+    start.write_bytes(pickle.dumps((state, batches)))
     coordinator = free_address()
     commands = [
         [sys.executable, __file__, coordinator, str(count), str(process), str(start), str(end)]
@@ -78,8 +74,7 @@ def train_in_processes(
     ]
     for code, output in finish(commands, devices):
         assert code == 0, output
-    with np.load(end) as stored:
-        return [stored[name] for name in leaves], stored["stop"].tolist()
+    return pickle.loads(end.read_bytes())
 
 
 def free_address() -> str:
@@ -113,19 +108,13 @@ def finish(
 
 def _main(coordinator: str, count: str, process: str, start: str, end: str) -> None:
     hosts.start(coordinator, int(count), int(process))
-    objective = sgd_objective("trimodal")
-    structure = jax.tree.structure(jax.eval_shape(functools.partial(init_state, objective), jax.random.key(0)))
-    batches: list[dict[str, np.ndarray]] = []
-    with np.load(start) as stored:
-        state = jax.tree.unflatten(structure, [stored[f"state/{number}"] for number in range(structure.num_leaves)])
-        while names := [name for name in stored.files if name.startswith(f"{len(batches)}/")]:
-            rows = {name.split("/")[1]: np.split(stored[name], int(count))[int(process)] for name in names}
-            batches.append(rows)
+    state, batches = pickle.loads(pathlib.Path(start).read_bytes())
+    batches = jax.tree.map(lambda array: np.split(array, int(count))[int(process)], batches)
     is_last = int(process) == int(count) - 1
-    state, history = train(objective, state, batches, jax.devices(), STOP_AT if is_last else -1)
+    state, history = train(sgd_objective("trimodal"), state, batches, jax.devices(), STOP_AT if is_last else -1)
     if hosts.is_first():
-        leaves = {f"state/{number}": leaf for number, leaf in enumerate(jax.tree.leaves(state))}
-        np.savez(end, **leaves, stop=[metrics["stop"] for metrics in history])
+        stops = [bool(metrics["stop"]) for metrics in history]
+        pathlib.Path(end).write_bytes(pickle.dumps((jax.tree.leaves(state), stops)))
     hosts.stop()
 
 

@@ -74,7 +74,6 @@ def test_the_command_prints_aligned_lines_or_json_and_its_code_says_whether_all_
 
 
 TROUBLES = {
-    "no corpus in a folder": ({"data.path": "/nowhere"}, "data", "no corpus in /nowhere"),
     "no folder": ({"data.path": ""}, "data", "--config.data.path"),
     "another skeleton": ({"skeleton": "ted_gesture"}, "data", "has skeleton ted_expressive"),
     "no word vectors": ({"model.text.vectors": "/nowhere/vectors.txt"}, "words", "vectors.txt"),

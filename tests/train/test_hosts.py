@@ -40,25 +40,19 @@ ALONE = {
     "nothing": {},
     "an interactive shell of Slurm": SLURM | {"SLURM_STEP_NUM_TASKS": "1"},
     "a batch script": {name: value for name, value in SLURM.items() if "STEP" not in name},
+    "a task of an srun that is told so": SLURM,
     "an indexed job of single processes": {"JOB_COMPLETION_INDEX": "3"},
     "a job of one": {"JAX_COORDINATOR_ADDRESS": "a:1", "JAX_NUM_PROCESSES": "1", "JAX_PROCESS_ID": "0"},
 }
 
 
-@pytest.mark.parametrize("environment", ALONE.values(), ids=ALONE)
-def test_one_process_joins_nobody(environment, joined, monkeypatch):
-    for name, value in environment.items():
+@pytest.mark.parametrize("case", ALONE)
+def test_one_process_joins_nobody(case, joined, monkeypatch):
+    for name, value in ALONE[case].items():
         monkeypatch.setenv(name, value)
-    hosts.start(None, None, None)
+    hosts.start(None, 1 if "told" in case else None, None)
     hosts.stop()
     assert not joined and hosts.is_first()
-
-
-def test_one_process_of_an_srun_stays_apart_when_told_so(joined, monkeypatch):
-    for name, value in SLURM.items():
-        monkeypatch.setenv(name, value)
-    hosts.start(None, 1, None)
-    assert not joined
 
 
 def test_flags_go_before_variables(joined, monkeypatch):

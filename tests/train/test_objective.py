@@ -14,7 +14,7 @@ from ha2g_jax.methods.build import build as build_method
 from ha2g_jax.methods.method import restore, subtract_mean
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.train.inputs import word_table
-from ha2g_jax.train.objective import adam, init_state, learning_rate, merge
+from ha2g_jax.train.objective import adam, init_state, learning_rate
 
 GRADIENT: Any = {"a": jnp.array([3.0, 0.0]), "b": jnp.array([4.0])}
 PARAMS: Any = jax.tree.map(jnp.zeros_like, GRADIENT)
@@ -47,15 +47,6 @@ def test_a_state_is_a_function_of_the_key(objective):
     assert first.step == 0
     assert jax.tree.all(jax.tree.map(np.array_equal, first, again))
     assert not jax.tree.all(jax.tree.map(np.array_equal, first.generator.params, other.generator.params))
-
-
-def test_word_vectors_take_the_place_of_fresh_ones_and_of_no_others(state):
-    vectors = np.random.default_rng(0).normal(size=(11, 8)).astype(np.float32)
-    part = {"params": {"text": {"embedding": {"embedding": vectors}}}}
-    found = weights.flatten(merge(state.generator.variables, part))
-    np.testing.assert_array_equal(found.pop("params/text/embedding/embedding"), vectors)
-    fresh = weights.flatten(state.generator.variables)
-    assert all(np.array_equal(value, fresh[name]) for name, value in found.items())
 
 
 def update(optimizer: Any, step: int) -> Any:

@@ -116,14 +116,6 @@ def test_orders(make_run, tmp_path, sort, names):
     assert tuple(runs.SORTS) == train._SORTS
 
 
-@pytest.mark.parametrize("path", ["nothing", "file", "empty"])
-def test_a_folder_without_runs_is_an_error_of_the_user(tmp_path, capsys, path):
-    (tmp_path / "file").touch()
-    (tmp_path / "empty").mkdir()
-    assert cli.main(["runs", str(tmp_path / path)]) == 2
-    assert path in capsys.readouterr().err
-
-
 def test_seeds_of_a_config_are_one_line(make_run):
     rates = [(rate, seed) for rate in (1e-4, 1e-3) for seed in (0, 1)]
     found = read_runs(make_run(f"{rate}-{seed}", seed=seed, **{"train.learning_rate": rate}) for rate, seed in rates)
@@ -187,13 +179,6 @@ def test_seeds_that_are_logged_at_other_steps_are_compared_at_all_of_them(two_se
     assert curve.line == 0 and curve.steps.tolist() == [0, 10, 20] and curve.means.tolist() == [[0, 1, 2], [0, 3, 4]]
 
 
-def test_a_metric_of_some_lines_is_a_curve_of_these(two_seeds):
-    lines, log = two_seeds
-    (curve,) = make_curves("x", lines, log(c=series([1], [2])), 0.0)
-    assert curve.line == 1 and curve.means.tolist() == [[2]]
-    assert make_curves("y", lines, log(), 0.0) == []
-
-
 def test_means_of_a_long_run_are_those_of_all_its_values(two_seeds):
     lines, log = two_seeds
     values = np.random.default_rng(0).normal(size=100_000)
@@ -252,16 +237,20 @@ def test_gaps_and_single_rows_are_drawn_and_runs_without_metrics_are_said(make_r
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["."], "no run in"),
-        (["run", "-o", "page.txt"], "name it page.html or .png"),
-        (["run", "--smooth", "2"], "smoothing is 2"),
+        (["runs", "nothing"], "nothing does not exist"),
+        (["runs", "file"], "file is a file"),
+        (["runs", "empty"], "no run in empty"),
+        (["plot", "empty"], "no run in empty"),
+        (["plot", "run", "-o", "page.txt"], "name it page.html or .png"),
+        (["plot", "run", "--smooth", "2"], "smoothing is 2"),
     ],
 )
 def test_mistakes_are_answered_in_one_line(arguments, said, make_run, tmp_path, monkeypatch, capsys):
-    if arguments[0] == "run":
-        make_run()
+    make_run()
+    (tmp_path / "file").touch()
+    (tmp_path / "empty").mkdir()
     monkeypatch.chdir(tmp_path)
-    assert cli.main(["plot", *arguments]) == 2
+    assert cli.main(arguments) == 2
     printed = capsys.readouterr().err
     assert said in printed and printed.count("\n") == 1
     assert not list(tmp_path.rglob("*.html"))

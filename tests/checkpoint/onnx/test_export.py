@@ -8,7 +8,7 @@ import onnx
 import onnxruntime
 import pytest
 
-from ha2g_jax.checkpoint import loading, model_folder
+from ha2g_jax.checkpoint import loading
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.checkpoint.model_folder import LoadedModel
 from ha2g_jax.checkpoint.onnx import reading
@@ -29,8 +29,8 @@ ERRORS = {"float32": 1e-4, "float16": 5e-3, "int8": 0.1}
 
 
 @pytest.fixture(scope="module")
-def debug(debug_model):
-    return LoadedModel(debug_model.spec, debug_model.variables, debug_model.assets, debug_model.config)
+def debug(debug_folder):
+    return loading.load(debug_folder)
 
 
 def draw(config, scale=0.2):
@@ -136,18 +136,6 @@ def metadata_of(model):
     return {it.key: it.value for it in model.metadata_props}
 
 
-def test_the_recurrence_is_the_operator_of_onnx_and_normalisation_is_part_of_the_convolutions(debug):
-    """One bidirectional GRU for each layer of each level; nothing is unrolled, and there is no loop."""
-    for loaded in (debug, draw(other_config())):
-        grus = [node for node in build(loaded).graph.node if node.op_type == "GRU"]
-        generator = loaded.spec.generator
-        assert len(grus) == generator.layers * len(generator.level_channels)
-        attributes = [{it.name: onnx.helper.get_attribute_value(it) for it in node.attribute} for node in grus]
-        assert all(it["direction"] == b"bidirectional" and it["linear_before_reset"] == 1 for it in attributes)
-    norms = [node for node in build(debug).graph.node if node.op_type == "BatchNormalization"]
-    assert len(norms) == 1 + sum(debug.spec.generator.audio.blocks)
-
-
 def test_the_metadata_restores_the_description(debug):
     model = build(debug, weights="float16", license="CC0-1.0")
     found = from_metadata(metadata_of(model))
@@ -185,10 +173,9 @@ def test_other_models_are_refused_by_name(debug, tmp_path):
         export("demo", tmp_path / "model.bin")
 
 
-def test_a_model_folder_is_exported_as_one_file(debug, tmp_path):
-    folder = model_folder.save(tmp_path / "model", debug.config, debug.assets, debug.variables)
-    path = export(folder, tmp_path / "new" / "model.onnx")
+def test_a_model_folder_is_exported_as_one_file(debug, debug_folder, tmp_path):
+    path = export(debug_folder, tmp_path / "new" / "model.onnx")
     assert [it.name for it in path.parent.iterdir()] == ["model.onnx"]
     found = from_metadata(metadata_of(onnx.load(path)))
-    assert found.assets.hash == loading.load(folder).assets.hash and found.license == ""
+    assert found.assets.hash == debug.assets.hash and found.license == ""
     assert dataclasses.asdict(found.assets)["vocabulary"] == {"words": ()}

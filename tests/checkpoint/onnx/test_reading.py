@@ -6,16 +6,13 @@ from onnx import TensorProto, helper
 from onnx.external_data_helper import set_external_data
 
 from ha2g_jax import cli
-from ha2g_jax.checkpoint.model_folder import LoadedModel
 from ha2g_jax.checkpoint.onnx import reading
-from ha2g_jax.checkpoint.onnx.export import build
 from ha2g_jax.errors import UserError
 
 
 @pytest.fixture(scope="module")
-def content(debug_model):
-    loaded = LoadedModel(debug_model.spec, debug_model.variables, debug_model.assets, debug_model.config)
-    return build(loaded).SerializeToString()
+def content(debug_onnx):
+    return debug_onnx.read_bytes()
 
 
 @pytest.fixture

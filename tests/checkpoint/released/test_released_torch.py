@@ -151,18 +151,20 @@ def test_trimodal(data, nets, oracles, tmp_path):
     _check_each_tensor_is_used_once(content, found)
 
 
+@pytest.mark.parametrize("slope", [1.0, 0.2], ids=["release", "paper"])
 @pytest.mark.parametrize(
     ("data", "latent_dim", "part"), [("ted_gesture", 32, "gen_dict"), ("ted_expressive", 128, "motion_ae")]
 )
-def test_auto_encoders(data, latent_dim, part, nets, oracles, tmp_path):
+def test_auto_encoders(data, latent_dim, part, slope, nets, oracles, tmp_path):
     torch = nets.torch
-    theirs = nets.PoseAutoencoder(WIDTHS[data], latent_dim, is_gesture=data == "ted_gesture")
+    theirs = nets.PoseAutoencoder(WIDTHS[data], latent_dim, slope, is_gesture=data == "ted_gesture")
     _shaken(nets, oracles, theirs)
     content = {"pose_dim": WIDTHS[data], "latent_dim": latent_dim, part: theirs.state_dict()}
     torch.save(content, tmp_path / "autoencoder.bin")
     found = read_released(read_torch(tmp_path / "autoencoder.bin"))
     poses = 0.5 * torch.randn(3, 34, WIDTHS[data])
-    generator = found.spec.generator
+    assert found.spec.generator.slope == 1.0
+    generator = found.spec.generator.clone(slope=slope)
     latents = generator.apply(found.variables, poses.numpy(), train=False, method="encode")
     with torch.no_grad():
         np.testing.assert_allclose(latents, theirs.encode(poses), atol=1e-5)

@@ -9,10 +9,9 @@ import numpy as np
 import optax
 import pytest
 
-from ha2g_jax.methods.ha2g import method as ha2g
 from ha2g_jax.train import sharding
 from ha2g_jax.train.objective import init_state
-from ha2g_jax.train.step import step_keys, train_step
+from ha2g_jax.train.step import run_generator, step_keys, train_step
 
 SIZE = 16
 
@@ -41,15 +40,7 @@ def residuals(objective, state, batch):
     """Return the shapes of the values that the forward pass of the generator keeps for the gradient."""
 
     def run(state, batch, key):
-        variables, keys = state.generator.variables, step_keys(objective.spec, key, state.step)
-        _, pull_back, _ = jax.vjp(
-            lambda params: ha2g.run(
-                objective.spec, variables | {"params": params}, batch, keys, compute=objective.compute
-            )[:2],
-            variables["params"],
-            has_aux=True,
-        )
-        return pull_back
+        return run_generator(objective, state.generator, batch, step_keys(objective.spec, key, state.step))[1]
 
     leaves = jax.tree.leaves(jax.eval_shape(run, state, batch, jax.random.key(1)))
     return [leaf for leaf in leaves if not jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key)]

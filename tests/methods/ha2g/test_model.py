@@ -116,10 +116,3 @@ def test_every_seed_channel_reaches_the_last_level_in_every_row_of_table_4(row):
     _, infer = _inferrer(spec.generator, *sizes)
     last, pull_back = jax.vjp(lambda seed: infer(features, f_id, seed)[-1], seed)
     assert (np.abs(np.asarray(pull_back(last)[0])).max(axis=(0, 1)) > 0).all()
-
-
-@pytest.mark.parametrize("num_seed_frames", [1, 7])
-def test_other_numbers_of_seed_frames_and_a_single_level_work(num_seed_frames):
-    inputs = _inputs(num_seed_frames)
-    _, infer = _infer(_model(CHANNELS[-1:], num_seed_frames), *inputs)
-    assert [level.shape for level in infer(*inputs)] == [(B, N, POSE_DIM)]
