@@ -2,19 +2,17 @@
 
 import pathlib
 import tracemalloc
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
+from fixtures.ted_files import serialize
 from fuzz.mutation import FUZZ
 from hypothesis import given
 from hypothesis import strategies as st
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.importers.ted.arrow import deserialize
-
-Serialize = Callable[[Any], bytes]
 
 # Written by pyarrow 0.14.1: the values of `test_reads_pyarrow_0_14`, the second array column by column.
 GENUINE = (pathlib.Path(__file__).parent / "pyarrow_0_14_values.bin").read_bytes()
@@ -56,7 +54,7 @@ def test_reads_pyarrow_0_14():
     assert_equal(deserialize(GENUINE, "FILE"), expected)
 
 
-def test_never_unpickles(serialize: Serialize):
+def test_never_unpickles():
     with pytest.raises(UserError, match=r"FILE holds an object of type 'np.array', which is never unpacked"):
         deserialize(PICKLED, "FILE")
     with pytest.raises(UserError, match="never unpacked"):
@@ -72,12 +70,12 @@ values = st.recursive(
 
 @FUZZ
 @given(value=values)
-def test_round_trip(serialize: Serialize, value: Any):
+def test_round_trip(value: Any):
     assert_equal(deserialize(serialize(value), "FILE"), value)
 
 
 @pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64, np.int64, np.uint8])
-def test_arrays_keep_type_and_order(serialize: Serialize, dtype: type):
+def test_arrays_keep_type_and_order(dtype: type):
     array = np.arange(24).reshape(2, 3, 4).astype(dtype)
     value = [array, np.asfortranarray(array), np.array(7, dtype)]
     assert_equal(deserialize(serialize(value), "FILE"), value)
@@ -90,7 +88,7 @@ def test_every_cut_is_noticed():
 
 
 @pytest.mark.parametrize(("number", "width"), [(2**31 - 1, 4), (2**32 - 1, 4), (2**62, 8)])
-def test_huge_declared_lengths_take_no_memory(serialize: Serialize, number: int, width: int):
+def test_huge_declared_lengths_take_no_memory(number: int, width: int):
     """Each length, count and offset of the value is replaced in turn."""
     data = serialize([[1, None], "text", {"key": True}, np.zeros((5, 43, 3), np.float32)])
     end = data.index(bytes(5 * 43 * 3 * 4))
@@ -105,7 +103,7 @@ def test_huge_declared_lengths_take_no_memory(serialize: Serialize, number: int,
     assert is_read.count(False) > 100
 
 
-def test_rows_used_again_and_again_are_refused(serialize: Serialize):
+def test_rows_used_again_and_again_are_refused():
     """Lists that share their items would grow exponentially."""
     depth, width = 12, 16
     value: Any = 0

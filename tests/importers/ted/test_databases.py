@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import lmdb
 import pytest
+from fixtures.ted_files import write_database
 from fuzz.conftest import one_line
 from fuzz.mutation import FUZZ, damaged_bytes
 from hypothesis import HealthCheck, given, settings
@@ -21,7 +22,7 @@ VALUES = [b"first", b"x" * 5 * PAGE, b"third"]
 
 
 @pytest.fixture
-def database(tmp_path: pathlib.Path, write_database: Callable[..., pathlib.Path]) -> pathlib.Path:
+def database(tmp_path: pathlib.Path) -> pathlib.Path:
     """Three records; the second has pages of its own."""
     folder = tmp_path / "lmdb"
     folder.mkdir()

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fixtures.ted_files import make_video, write_database
 from scipy.interpolate import interp1d
 
 from ha2g_jax.data import recording
@@ -21,9 +22,6 @@ from ha2g_jax.importers.ted.importer import import_ted
 from ha2g_jax.skeleton import Skeleton, load_skeleton
 
 SAMPLES = {"expressive": "ted_expressive", "gesture": "ted_gesture"}
-
-WriteDatabase = Callable[..., pathlib.Path]
-MakeVideo = Callable[..., dict[str, Any]]
 
 
 @pytest.fixture(scope="module", params=SAMPLES)
@@ -147,7 +145,7 @@ def test_genuine_directions_agree_to_1e_6(sample: dict[str, Any], split: str):
 
 
 @pytest.fixture
-def dataset(tmp_path: pathlib.Path, write_database: WriteDatabase, make_video: MakeVideo) -> pathlib.Path:
+def dataset(tmp_path: pathlib.Path) -> pathlib.Path:
     """A data set of ten joints made for the test; videos have clips in two splits."""
     for split, count in (("lmdb_train", 3), ("lmdb_val", 1)):
         folder = tmp_path / "dataset" / split
@@ -160,7 +158,7 @@ def tree(folder: pathlib.Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
 
 
-def test_made_data_set(dataset: pathlib.Path, tmp_path: pathlib.Path, make_video: MakeVideo):
+def test_made_data_set(dataset: pathlib.Path, tmp_path: pathlib.Path):
     report = import_ted(dataset, tmp_path / "one", workers=1)
     assert import_ted(dataset, tmp_path / "two", workers=2) == report
     assert tree(tmp_path / "one") == tree(tmp_path / "two")
@@ -184,7 +182,7 @@ def test_one_database_has_the_split_that_is_named(dataset: pathlib.Path, tmp_pat
     assert Corpus.open(tmp_path / "out").splits == ("test",)
 
 
-def test_words_are_cut_to_the_clip(tmp_path: pathlib.Path, write_database: WriteDatabase, make_video: MakeVideo):
+def test_words_are_cut_to_the_clip(tmp_path: pathlib.Path):
     video = make_video("video")
     video["clips"][0]["words"] = [["out", 9.0, 9.9], ["in", 9.9, 10.1], ["at", 12.0, 12.0], ["end", 13.9, 14.2]]
     import_ted(write_database(tmp_path, [video]), tmp_path / "out", workers=1)
@@ -212,9 +210,7 @@ DAMAGES = {
 }
 
 
-def test_damaged_clips_are_named_and_left_out(
-    tmp_path: pathlib.Path, write_database: WriteDatabase, make_video: MakeVideo, capsys: pytest.CaptureFixture
-):
+def test_damaged_clips_are_named_and_left_out(tmp_path: pathlib.Path, capsys: pytest.CaptureFixture):
     videos = [make_video("good")]
     for damage in DAMAGES.values():
         videos.append(make_video("bad", 2))
@@ -229,7 +225,7 @@ def test_damaged_clips_are_named_and_left_out(
         assert re.search(message, line)
 
 
-def test_short_clips_are_counted(tmp_path: pathlib.Path, write_database: WriteDatabase, make_video: MakeVideo):
+def test_short_clips_are_counted(tmp_path: pathlib.Path):
     video = make_video("video", 3)
     for clip, frames in ((video["clips"][0], 0), (video["clips"][1], 68)):  # 68 frames at 25 fps: 41 at 15
         clip["skeletons_3d"] = list(clip["skeletons_3d"][:frames])
@@ -286,15 +282,11 @@ def test_damaged_databases_are_refused(
         ({"_pytype_": "builtins.eval", "data": b"", "pickle": True}, "which is never unpacked"),
     ],
 )
-def test_other_values_are_refused(
-    tmp_path: pathlib.Path, write_database: WriteDatabase, make_video: MakeVideo, value: Any, message: str
-):
+def test_other_values_are_refused(tmp_path: pathlib.Path, value: Any, message: str):
     refused(write_database(tmp_path, [make_video("video"), value]), tmp_path, message)
 
 
-def test_other_and_mixed_skeletons_are_refused(
-    dataset: pathlib.Path, tmp_path: pathlib.Path, write_database: WriteDatabase, make_video: MakeVideo
-):
+def test_other_and_mixed_skeletons_are_refused(dataset: pathlib.Path, tmp_path: pathlib.Path):
     for name in ("mixed", "other"):
         (tmp_path / name).mkdir()
     refused(
@@ -311,9 +303,7 @@ def test_other_and_mixed_skeletons_are_refused(
     refused(dataset, tmp_path, "different skeletons: 10 joints in .*lmdb_train/data.mdb and 43 joints in .*lmdb_test")
 
 
-def test_nothing_left_is_an_error_with_the_reasons(
-    tmp_path: pathlib.Path, write_database: WriteDatabase, make_video: MakeVideo
-):
+def test_nothing_left_is_an_error_with_the_reasons(tmp_path: pathlib.Path):
     video = make_video("video", 2)
     for clip in video["clips"]:
         clip["words"] = []

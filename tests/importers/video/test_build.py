@@ -9,6 +9,7 @@ import sys
 import time
 
 import pytest
+from fixtures.videos import make_recording, pose_command
 
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
@@ -41,7 +42,7 @@ if __name__ == "__main__":
 
 
 @pytest.fixture(scope="module")
-def videos(make_recording, tmp_path_factory):
+def videos(tmp_path_factory):
     """Two videos of two speakers."""
     folder = tmp_path_factory.mktemp("videos")
     for name in ("ada/1.mp4", "ben/2.mkv"):
@@ -50,7 +51,7 @@ def videos(make_recording, tmp_path_factory):
 
 
 @pytest.fixture
-def settings(pose_command, tmp_path):
+def settings(tmp_path):
     return lambda kind="wave": VideoSettings(pose_command=pose_command(tmp_path / "calls", kind))
 
 
@@ -58,7 +59,7 @@ OPTIONS = {"split": "val", "licence": "mine"}
 
 
 @pytest.fixture(scope="module")
-def built(videos, pose_command, tmp_path_factory):
+def built(videos, tmp_path_factory):
     """The folder of an undisturbed build, its report and the videos with the skeletons."""
     folder = tmp_path_factory.mktemp("expected")
     settings = VideoSettings(pose_command=pose_command(folder / "calls"))
@@ -105,7 +106,7 @@ def test_a_killed_worker_loses_nothing(videos, settings, expected, tmp_path):
     assert sorted(_calls(tmp_path)) == ["1", "2", "2"]
 
 
-def test_failures_are_named_and_only_they_are_done_again(make_recording, settings, tmp_path, capsys):
+def test_failures_are_named_and_only_they_are_done_again(settings, tmp_path, capsys):
     folder = tmp_path / "videos"
     make_recording(folder / "good.mp4")
     make_recording(folder / "mute.mp4", with_sound=False)
@@ -146,7 +147,7 @@ def test_a_killed_build_goes_on_where_it_was(videos, settings, expected, tmp_pat
     assert _calls(tmp_path) == ["2"] and _contents(tmp_path / "dst") == expected
 
 
-def test_other_settings_do_the_videos_anew(make_recording, settings, tmp_path):
+def test_other_settings_do_the_videos_anew(settings, tmp_path):
     """Protects a resumed build from results that were made otherwise."""
     make_recording(tmp_path / "videos" / "good.mp4")
     (tmp_path / "videos" / "bad.mp4").write_bytes(b"")

@@ -4,6 +4,7 @@ import shutil
 
 import numpy as np
 import pytest
+from fixtures.videos import make_recording, make_video, pose_command
 
 from ha2g_jax.data import records
 from ha2g_jax.errors import UserError
@@ -16,7 +17,7 @@ SKELETON = load_skeleton("ted_expressive")
 
 
 @pytest.fixture
-def extract(pose_command, tmp_path):
+def extract(tmp_path):
     def run(video, kind="wave", **settings):
         settings = VideoSettings(pose_command=pose_command(tmp_path / "calls", kind), **settings)
         return extraction.extract(VideoRecording(video, "folder/talk", "ada"), settings)
@@ -24,7 +25,7 @@ def extract(pose_command, tmp_path):
     return run
 
 
-def test_a_video_becomes_a_clip(extract, make_recording, tmp_path):
+def test_a_video_becomes_a_clip(extract, tmp_path):
     """Protects the whole import: rate, words, sound, confidence, images, and the counts of the report."""
     extracted = extract(make_recording(tmp_path / "talk.mp4"))
     assert not extracted.report.rejected
@@ -43,7 +44,7 @@ def test_a_video_becomes_a_clip(extract, make_recording, tmp_path):
     assert (extracted.report.videos, extracted.report.clips, extracted.report.kept) == (1, 1, len(clip.window_starts))
 
 
-def test_the_place_of_a_video_leaves_no_trace(extract, make_recording, tmp_path):
+def test_the_place_of_a_video_leaves_no_trace(extract, tmp_path):
     """Protects equal bytes on every machine, and the privacy of whoever's folders those are."""
     video = make_recording(tmp_path / "here" / "talk.mp4")
     shutil.copytree(video.parent, tmp_path / "there")
@@ -55,26 +56,26 @@ def test_the_place_of_a_video_leaves_no_trace(extract, make_recording, tmp_path)
 @pytest.mark.parametrize(
     ("kind", "seconds", "reason"), [("still", 6, "still"), ("unseen", 6, "keypoints unseen"), ("wave", 5, "too short")]
 )
-def test_each_condition_rejects_and_is_counted(extract, make_recording, tmp_path, kind, seconds, reason):
+def test_each_condition_rejects_and_is_counted(extract, tmp_path, kind, seconds, reason):
     extracted = extract(make_recording(tmp_path / "talk.mp4", seconds=seconds), kind)
     assert extracted.records == [] and extracted.report.rejected == {reason: 1} and extracted.report.clips == 0
 
 
-def test_images_before_the_sound_are_left_out(extract, make_recording, tmp_path):
+def test_images_before_the_sound_are_left_out(extract, tmp_path):
     """Protects the pairing of speech and motion where the camera was on before the microphone."""
     video = make_recording(tmp_path / "talk.mkv", seconds=9, sound_start=2.0)
     clip = records.decode_clip(extract(video).records[0])
     assert 0 <= clip.recording_start < 0.1 and len(clip.positions) / 15 == pytest.approx(7, abs=0.2)
 
 
-def test_a_time_far_off_makes_no_endless_clip(extract, make_recording, tmp_path):
+def test_a_time_far_off_makes_no_endless_clip(extract, tmp_path):
     """Protects the memory from a file that states a image an hour later."""
     times = np.r_[np.arange(60) / 10, 3000.0]
     clip = records.decode_clip(extract(make_recording(tmp_path / "talk.mkv", times=times)).records[0])
     assert len(clip.positions) / 15 == pytest.approx(6, abs=0.2)
 
 
-def test_a_clip_shows_its_own_first_images(extract, make_recording, tmp_path):
+def test_a_clip_shows_its_own_first_images(extract, tmp_path):
     """Protects the pairing of clips and images: two clips of one shot have different ones."""
     extracted = extract(make_recording(tmp_path / "talk.mp4", seconds=12), max_seconds=9.0, num_reference_frames=2)
     first, second = (records.decode_clip(record) for record in extracted.records)
@@ -91,13 +92,13 @@ def test_resampling_is_linear_at_any_spacing():
     np.testing.assert_allclose(extraction.resample(values, times, at)[:, 0].T, [3 * at, 1 - at], atol=1e-6)
 
 
-def test_poses_of_other_images_are_refused(extract, make_recording, tmp_path):
+def test_poses_of_other_images_are_refused(extract, tmp_path):
     """Protects an estimator of one's own that skips images: everything after would be shifted."""
     with pytest.raises(UserError, match=r"talk\.mp4 has 60 images.* 59 "):
         extract(make_recording(tmp_path / "talk.mp4"), "short")
 
 
-def test_what_is_missing_is_named(extract, make_video, make_recording, tmp_path):
+def test_what_is_missing_is_named(extract, tmp_path):
     with pytest.raises(UserError, match=r"mute\.mp4 has no sound"):
         extract(make_recording(tmp_path / "mute.mp4", with_sound=False))
     with pytest.raises(UserError, match=r"(?i)transcript"):
@@ -135,18 +136,18 @@ def test_one_moving_wrist_is_motion(wrist, amplitude, is_expected):
 RED, DARK, WHITE = (200, 30, 30), (20, 30, 20), (230, 230, 230)
 
 
-def test_a_cut_lies_between_two_images(tmp_path, make_video):
+def test_a_cut_lies_between_two_images(tmp_path):
     video = make_video(tmp_path / "cuts.mp4", colours=[RED] * 30 + [DARK] * 25 + [WHITE] * 20)
     assert find_shots(video) == [(0, 30), (30, 55), (55, 75)]
 
 
-def test_the_threshold_decides_what_is_a_cut(tmp_path, make_video):
+def test_the_threshold_decides_what_is_a_cut(tmp_path):
     video = make_video(tmp_path / "faint.mp4", colours=[(100, 100, 100)] * 20 + [(130, 130, 130)] * 20)
     assert find_shots(video) == [(0, 40)]
     assert find_shots(video, threshold=5.0) == [(0, 20), (20, 40)]
 
 
-def test_images_are_counted_where_the_frame_rate_varies(tmp_path, make_video):
+def test_images_are_counted_where_the_frame_rate_varies(tmp_path):
     # The first 30 images take 6 s, the other 30 take 1 s: by time the cut would be at frame 51 of 60.
     times = np.concatenate([np.arange(30) / 5, 6 + np.arange(30) / 30])
     video = make_video(tmp_path / "varying.mp4", colours=[RED] * 30 + [DARK] * 30, times=times)

@@ -3,6 +3,7 @@
 import av
 import numpy as np
 import pytest
+from fixtures.videos import make_video
 from PIL import Image
 
 from ha2g_jax.errors import UserError
@@ -13,7 +14,7 @@ from ha2g_jax.skeleton import load_skeleton
 SKELETON = load_skeleton("ted_expressive")
 
 
-def test_times_are_those_of_the_file(make_video, tmp_path):
+def test_times_are_those_of_the_file(tmp_path):
     """Protects videos of a phone, whose rate varies: words and poses would drift apart if images were counted."""
     stated = np.cumsum(np.r_[0, np.tile([0.1, 0.1, 0.05, 0.2], 10)])
     times = images.image_times(make_video(tmp_path / "uneven.mp4", times=stated))
@@ -21,7 +22,7 @@ def test_times_are_those_of_the_file(make_video, tmp_path):
     assert (np.diff(times) > 0).all()
 
 
-def test_times_start_with_the_sound(make_video, tmp_path):
+def test_times_start_with_the_sound(tmp_path):
     """Protects the clock of the words: images that begin late are shown late."""
     times = images.image_times(make_video(tmp_path / "late.mkv", times=0.5 + np.arange(20) / 10))
     np.testing.assert_allclose(times, 0.5 + np.arange(20) / 10, atol=0.03)
@@ -48,7 +49,7 @@ def test_a_box_greater_than_the_image_is_centred_on_it():
     assert (left, top) == ((640 - side) // 2, (360 - side) // 2) and side > 640
 
 
-def test_crops_are_of_the_frames_asked_for(make_video, tmp_path):
+def test_crops_are_of_the_frames_asked_for(tmp_path):
     """Protects the pairing of image and clip: any order, one frame twice, black beyond the edges."""
     video = make_video(tmp_path / "a.mp4", seconds=4)
     crops = images.crops(video, [(30, Box(0, 0, 48)), (7, Box(8, 8, 32)), (30, Box(-48, 0, 48))], 32)
@@ -60,7 +61,7 @@ def test_crops_are_of_the_frames_asked_for(make_video, tmp_path):
         images.crops(video, [(40, Box(0, 0, 48))], 32)
 
 
-def test_images_stand_upright(make_video, tmp_path):
+def test_images_stand_upright(tmp_path):
     """Protects videos of a phone held upright: their images are stored lying, with a rotation beside them."""
     lying = av.VideoFrame.from_ndarray(np.zeros((48, 64, 3), np.uint8), format="rgb24")
     assert images.upright(lying).size == (64, 48)
@@ -78,7 +79,7 @@ def test_images_stand_upright(make_video, tmp_path):
     assert shown.size == (48, 64) and shown.getpixel((0, 0)) == (255, 255, 255)  # rotated counterclockwise
 
 
-def test_a_file_that_was_cut_off_is_named(make_video, tmp_path):
+def test_a_file_that_was_cut_off_is_named(tmp_path):
     """Protects from half a download: with the index in front, what is there can be read, and words would be missed."""
     whole = make_video(tmp_path / "whole.mp4", movflags="faststart")
     assert len(images.image_times(whole)) == 60

@@ -5,13 +5,13 @@ import pathlib
 import av
 import numpy as np
 import pytest
+from fixtures.videos import HEIGHT, WIDTH, make_video
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.importers.video.overlay import write_overlay
 from ha2g_jax.skeleton import load_skeleton
 
 SKELETON = load_skeleton("ted_expressive")
-HEIGHT, WIDTH = 48, 64  # of the videos of conftest.py
 
 
 def points_of(count: int) -> np.ndarray:
@@ -31,7 +31,7 @@ def sound_seconds(path: pathlib.Path) -> float:
         return sum(frame.samples / frame.sample_rate for frame in container.decode(audio=0))
 
 
-def test_bones_are_drawn_where_they_are_seen(tmp_path, make_video):
+def test_bones_are_drawn_where_they_are_seen(tmp_path):
     video = make_video(tmp_path / "video.mp4", seconds=2.0)
     points, confidence = points_of(20), np.ones((20, 43), np.float32)
     hand = [number for number, name in enumerate(SKELETON.joints) if "left" in name and number > 2]
@@ -52,7 +52,7 @@ def test_bones_are_drawn_where_they_are_seen(tmp_path, make_video):
     assert right[0] < right[2]  # blue
 
 
-def test_sound_and_times_stay(tmp_path, make_video):
+def test_sound_and_times_stay(tmp_path):
     times = np.concatenate([np.arange(10) / 10, 1.5 + np.arange(10) / 20])
     video = make_video(tmp_path / "video.mp4", seconds=3.0, times=times)
     write_overlay(tmp_path / "out.mp4", video, points_of(20), np.ones((20, 43)))
@@ -60,7 +60,7 @@ def test_sound_and_times_stay(tmp_path, make_video):
     assert sound_seconds(tmp_path / "out.mp4") == pytest.approx(sound_seconds(video), abs=0.15)
 
 
-def test_images_before_the_sound_stay_before_it(tmp_path, make_video):
+def test_images_before_the_sound_stay_before_it(tmp_path):
     video = make_video(tmp_path / "video.mp4", seconds=2.0, sound_start=0.5)
     write_overlay(tmp_path / "out.mp4", video, points_of(20), np.ones((20, 43)))
     with av.open(str(tmp_path / "out.mp4")) as container:
@@ -68,7 +68,7 @@ def test_images_before_the_sound_stay_before_it(tmp_path, make_video):
     assert read(tmp_path / "out.mp4")[0][0] == pytest.approx(0, abs=0.002)
 
 
-def test_a_video_without_sound_has_none_afterwards(tmp_path, make_video):
+def test_a_video_without_sound_has_none_afterwards(tmp_path):
     video = make_video(tmp_path / "video.mp4", seconds=1.0, with_sound=False)
     write_overlay(tmp_path / "out.mp4", video, points_of(10), np.ones((10, 43)))
     with av.open(str(tmp_path / "out.mp4")) as container:
@@ -76,7 +76,7 @@ def test_a_video_without_sound_has_none_afterwards(tmp_path, make_video):
         assert len(container.streams.video) == 1
 
 
-def test_points_far_away_and_odd_values_are_drawn_or_not_but_never_crash(tmp_path, make_video):
+def test_points_far_away_and_odd_values_are_drawn_or_not_but_never_crash(tmp_path):
     video = make_video(tmp_path / "video.mp4", seconds=1.0)
     points = points_of(10)
     points[:5] *= 1e7
@@ -85,7 +85,7 @@ def test_points_far_away_and_odd_values_are_drawn_or_not_but_never_crash(tmp_pat
     assert len(read(tmp_path / "out.mp4")[0]) == 10
 
 
-def test_what_cannot_be_read_leaves_nothing_behind(tmp_path, make_video):
+def test_what_cannot_be_read_leaves_nothing_behind(tmp_path):
     whole = make_video(tmp_path / "whole.mp4", seconds=1.0).read_bytes()
     (tmp_path / "broken.mp4").write_bytes(whole[: len(whole) // 2])
     (tmp_path / "empty.mp4").touch()

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fixtures.videos import make_video
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.importers.video import pose
@@ -176,7 +177,7 @@ def stand_in(tmp_path, monkeypatch):
     return use
 
 
-def test_every_image_reaches_mediapipe_in_order(tmp_path, make_video, stand_in):
+def test_every_image_reaches_mediapipe_in_order(tmp_path, stand_in):
     stand_in()
     found = pose.estimate(make_video(tmp_path / "talk.mp4", seconds=2.0))
     nose = found.image_points[:, SKELETON.joint("nose"), 0]
@@ -187,7 +188,7 @@ def test_every_image_reaches_mediapipe_in_order(tmp_path, make_video, stand_in):
     assert (found.confidence[:, SKELETON.joint("left_thumb_1")] == 0).all()
 
 
-def test_mediapipe_that_dies_midway_is_reported(tmp_path, make_video, stand_in):
+def test_mediapipe_that_dies_midway_is_reported(tmp_path, stand_in):
     video = make_video(tmp_path / "talk.mp4", seconds=4.0)
     for body, part in (("sys.exit('out of luck')", "out of luck"), ("import os; os.kill(os.getpid(), 9)", "SIGKILL")):
         stand_in(body)
