@@ -106,7 +106,7 @@ def warp_formants(mel: np.ndarray, factor: float) -> np.ndarray:
     vocal tract; those above are moved linearly, so that the highest one stays. Harmonics of the voice move with the
     formants. Values in dB are interpolated between bands.
     """
-    bands = mel_frequencies(NUM_MELS + 2, SAMPLE_RATE / 2)[1:-1]
+    bands = mel_frequencies(NUM_MELS + 2)[1:-1]
     highest, border = SAMPLE_RATE / 2, _HIGHEST_FORMANT * min(factor, 1.0)
     source = np.interp(bands, [0, border, highest], [0, border / factor, highest])
     position = np.interp(source, bands, np.arange(len(bands)))

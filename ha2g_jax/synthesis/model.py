@@ -85,7 +85,7 @@ class Model(Generator[Spec]):
             style: requested style; by default a random one with `seed`, see `style.choose_style`.
             seed: seed of all random choices.
             controls: energy, extent, handedness and mirror.
-            reference: mel power of 0 dB; by default a running level, see `features.running_mel`.
+            reference: mel power of 0 dB; by default a running level, see `RunningMel`.
 
         Returns:
             The stream, whose `feed` takes samples and returns frames.

@@ -15,8 +15,7 @@ import numpy as np
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
-from ha2g_jax.features.running_mel import RunningMel
-from ha2g_jax.features.spectrum import hide_unheard, window_column, window_columns
+from ha2g_jax.features.spectrum import RunningMel, hide_unheard, window_column, window_columns
 from ha2g_jax.methods.method import Spec, Variables
 from ha2g_jax.motion.control.controls import NEUTRAL, Controls
 from ha2g_jax.motion.control.effects import Ramp, RunningControls, check_running

@@ -1,16 +1,23 @@
-"""Spectrograms are those of librosa and of Whisper, and their windows are cut at the nearest column."""
+"""Spectrograms are those of librosa and of Whisper, in pieces too, and windows are cut at the nearest column."""
 
 import librosa
 import numpy as np
 import pytest
 
+from ha2g_jax.data.speech import prepare
+from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.spectrum import (
+    FFT_SIZE,
+    FLOOR_DB,
+    TYPICAL_POWER,
+    RunningMel,
     asr_columns,
     asr_log_mel,
     asr_window,
     log_mel,
     mel_filters,
     mel_frequencies,
+    mel_power,
     mel_spectrum,
     mel_window,
     power_spectrum,
@@ -34,18 +41,18 @@ def test_the_spectrum_is_librosas(fft_size, hop_length, samples):
 
 @pytest.mark.parametrize(("fft_size", "num_mels"), [(1024, 128), (400, 80), (400, 128)])
 def test_the_filters_are_librosas(fft_size, num_mels):
-    found = mel_filters(16000, fft_size, num_mels)
+    found = mel_filters(fft_size, num_mels)
     assert found.dtype == np.float32
     np.testing.assert_array_equal(found, librosa.filters.mel(sr=16000, n_fft=fft_size, n_mels=num_mels))
     expected = librosa.mel_frequencies(num_mels, fmin=0, fmax=8000)
-    np.testing.assert_allclose(mel_frequencies(num_mels, 8000), expected, rtol=1e-14)
+    np.testing.assert_allclose(mel_frequencies(num_mels), expected, rtol=1e-14)
 
 
 @pytest.mark.parametrize(("fft_size", "num_mels"), [(1024, 128), (400, 80), (400, 128)])
 def test_every_band_and_column_has_all_of_its_frequencies(fft_size, num_mels):
     power = np.random.default_rng(0).exponential(size=(1 + fft_size // 2, 600)).astype(np.float32)
-    expected = mel_filters(16000, fft_size, num_mels).astype(np.float64) @ power
-    np.testing.assert_allclose(mel_spectrum(power, 16000, fft_size, num_mels), expected, rtol=1e-5)
+    expected = mel_filters(fft_size, num_mels).astype(np.float64) @ power
+    np.testing.assert_allclose(mel_spectrum(power, num_mels), expected, rtol=1e-5)
 
 
 def test_mel_is_librosas_with_reflected_borders():
@@ -154,3 +161,90 @@ def test_whispers_spectrogram_of_the_shortest_clips(num_samples):
     assert silence.shape == (80, 1 + num_samples // 160)
     np.testing.assert_allclose(silence, -1.5, atol=1e-6)
     assert np.isfinite(asr_log_mel(np.ones(num_samples, np.float32))).all()
+
+
+def _speech(seconds: float, peak: float = 0.2) -> np.ndarray:
+    """A voice of 120 Hz with the rhythm of syllables and a pause in the middle, and faint noise."""
+    time = np.arange(round(seconds * SAMPLE_RATE)) / SAMPLE_RATE
+    voice = sum(np.sin(2 * np.pi * 120 * k * time + k**2) / k for k in range(1, 20)) * np.sin(4 * np.pi * time) ** 2
+    voice[int(len(voice) * 0.4) : int(len(voice) * 0.6)] = 0
+    noise = np.random.default_rng(0).normal(0, 1e-4, len(time))
+    return (voice / np.abs(voice).max() * peak + noise).astype(np.float32)
+
+
+def _loudest(samples: np.ndarray) -> float:
+    return float(mel_power(np.pad(samples, FFT_SIZE // 2, mode="reflect")).max())
+
+
+@pytest.mark.parametrize("count", [1, 2, 511, 512, 513, 600, 1023, 1024, 1025, 1536, 5000, 5120, 5121])
+def test_columns_are_those_of_the_clip(count):
+    """However it is cut, the reflected columns at both ends included."""
+    samples = _speech(1)[:count]
+    expected = prepare(samples, (), ("mel",)).tracks["mel"].astype(np.float32)
+    for cut in (1, 100, 5121):
+        running = RunningMel(40, _loudest(samples))
+        for start in range(0, count, cut):
+            running.add(samples[start : start + cut])
+        running.end()
+        found = running.window(-3, expected.shape[1] + 8)
+        np.testing.assert_allclose(found[:, 3:-5], expected, atol=0.07)  # one step of half precision
+        assert (found[:, :3] == FLOOR_DB).all() and (found[:, -5:] == FLOOR_DB).all()
+
+
+def test_the_last_columns_are_kept():
+    samples = _speech(3)
+    running = RunningMel(20, _loudest(samples))
+    running.add(samples)
+    expected = prepare(samples, (), ("mel",)).tracks["mel"].astype(np.float32)[:, 75:93]
+    np.testing.assert_allclose(running.window(75, 18), expected, atol=0.07)
+
+
+def _level(running: RunningMel, samples: np.ndarray) -> float:
+    """Return the loudest value in dB that a window has after these samples."""
+    running.add(samples)
+    last = running._num_columns
+    return float(running.window(last - 60, 60).max())
+
+
+def test_a_quiet_beginning_stays_quiet():
+    noise = np.random.default_rng(1).normal(0, 5e-4, 3 * SAMPLE_RATE).astype(np.float32)
+    assert _level(RunningMel(70), noise) < -40
+
+
+def test_speech_of_a_usual_level_has_about_its_own_maximum():
+    for peak in (0.1, 0.2, 0.7):
+        assert -8 < _level(RunningMel(70), _speech(4, peak)) <= 0
+
+
+def test_louder_speech_is_0_db_at_once_and_is_slowly_forgotten():
+    running = RunningMel(70)
+    running.add(_speech(4, 1.0))
+    levels = [_level(running, _speech(20, 0.2)) for _ in range(5)]
+    assert -16 < levels[0] < -8  # 14 dB less, 2 to 3 dB of which are forgotten
+    assert levels == sorted(levels) and levels[-1] > levels[0] + 5
+
+
+def test_a_pause_forgets_nothing():
+    running, after = RunningMel(70), RunningMel(70)
+    for one in (running, after):
+        one.add(_speech(4))
+    after.add(np.random.default_rng(1).normal(0, 1e-4, 60 * SAMPLE_RATE).astype(np.float32))
+    assert abs(_level(running, _speech(2)) - _level(after, _speech(2))) < 0.1
+
+
+def test_a_voice_that_stays_quiet_is_heard_in_the_end_and_noise_never():
+    running = RunningMel(70)
+    start = _level(running, _speech(4, 0.02))
+    assert start < -15
+    for _ in range(6):
+        running.add(_speech(20, 0.02))
+    assert _level(running, _speech(4, 0.02)) > start + 10
+    noise = np.random.default_rng(1).normal(0, 3e-4, 600 * SAMPLE_RATE).astype(np.float32)
+    assert _level(running, noise) < -25
+
+
+def test_a_fixed_level_stays():
+    running = RunningMel(70, TYPICAL_POWER)
+    running.add(_speech(4, 1.0))
+    assert _level(running, _speech(4, 1.0)) == 0
+    assert _level(running, _speech(4, 0.02)) == _level(RunningMel(70, TYPICAL_POWER), _speech(4, 0.02))

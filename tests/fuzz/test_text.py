@@ -1,7 +1,6 @@
 """Transcripts, settings, stored work, values of the TED data and requests of any content are read or refused."""
 
 import json
-import os
 import pathlib
 
 import numpy as np
@@ -14,7 +13,7 @@ from hypothesis import strategies as st
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.words import read_words
-from ha2g_jax.features.words.subtitles import without_brackets
+from ha2g_jax.features.words.parsers import without_brackets
 from ha2g_jax.importers.ted import arrow
 from ha2g_jax.importers.video import settings
 from ha2g_jax.motion import control
@@ -68,15 +67,6 @@ def test_brackets_are_found_as_the_first_that_closes():
     assert without_brackets("a (b [c) d] e", "[(", "-") == "a - d] e"
     assert without_brackets("(" + "x" * 200 + ")y(" + "x" * 201 + ")", "(", "") == "y(" + "x" * 201 + ")"
     assert without_brackets("<a\n> <b>", "<", "") == "<a\n> "
-
-
-def test_what_is_no_file_is_not_waited_for(tmp_path):
-    os.mkfifo(tmp_path / "a.srt")
-    (tmp_path / "b.srt").symlink_to(tmp_path / "none")
-    (tmp_path / "c.srt").mkdir()
-    for name, found in (("a", "a pipe or a device"), ("b", "no file at"), ("c", "a folder at")):
-        with pytest.raises(UserError, match=found):
-            read_words(tmp_path / f"{name}.srt")
 
 
 SETTINGS = {**settings.VideoSettings().as_json(), "recognise": "tiny.en"}

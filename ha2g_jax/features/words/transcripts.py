@@ -15,8 +15,7 @@ import numpy as np
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.text import Word
-from ha2g_jax.features.words.subtitles import parse_srt, parse_vtt, without_brackets
-from ha2g_jax.features.words.textgrid import parse_textgrid
+from ha2g_jax.features.words.parsers import parse_srt, parse_textgrid, parse_vtt, without_brackets
 from ha2g_jax.features.words.timing import Stretch, fill_gaps, inside, to_words
 from ha2g_jax.files.reading import check_regular, parse_json, reading, reason, shown
 from ha2g_jax.limits import MAX_TRANSCRIPT_BYTES, MAX_TRANSCRIPT_LINES

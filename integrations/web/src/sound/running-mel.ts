@@ -1,6 +1,6 @@
 /**
  * The log-mel spectrogram of speech that arrives in pieces, in memory that does not grow, as
- * `ha2g_jax/features/running_mel.py` computes it.
+ * `RunningMel` of `ha2g_jax/features/spectrum.py` computes it.
  *
  * Its columns are those of `logMel`. Only 0 dB differs: the maximum of a clip is not known before its end, so that 0 dB
  * is a running level, which each window takes as it is at its time.
