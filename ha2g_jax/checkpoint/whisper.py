@@ -181,7 +181,7 @@ def _is_file_name(name: Any) -> bool:
 
 def _parameters(sizes: WhisperSizes) -> dict[str, tuple[int, ...]]:
     """Return the shape of each parameter of the encoder by its name, such as "block_0/expand/kernel"."""
-    mel = jnp.zeros((1, sizes.num_mels, asr_columns(34, 15)))
+    mel = jnp.zeros((1, sizes.num_mels, asr_columns(34, 15)), jnp.float32)
     shapes = jax.eval_shape(lambda: WhisperEncoder(**sizes._asdict()).init(jax.random.key(0), mel))
     flat: dict[str, Any] = dict(traverse_util.flatten_dict(shapes["params"], sep="/"))
     return {name: leaf.shape for name, leaf in flat.items()}

@@ -29,7 +29,7 @@ class Conv(nn.Module):
         kernel = self.param("kernel", initializers.RESNET, (*self.kernel, x.shape[-1], self.channels))
         y = conv(x, kernel, self.stride, self.padding)
         if self.use_bias:
-            y = y + self.param("bias", nn.initializers.zeros, (self.channels,))[None, None, None]
+            y = y + self.param("bias", nn.initializers.zeros, (self.channels,), jnp.float32)[None, None, None]
         return y
 
 
@@ -45,8 +45,8 @@ class BatchNorm(nn.Module):
     def __call__(self, x: jax.Array, *, train: bool) -> jax.Array:
         """Map (..., channels) to the same shape; in training the collection "batch_stats" must be mutable."""
         channels = x.shape[-1]
-        scale = self.param("scale", nn.initializers.ones, (channels,))
-        bias = self.param("bias", nn.initializers.zeros, (channels,))
+        scale = self.param("scale", nn.initializers.ones, (channels,), jnp.float32)
+        bias = self.param("bias", nn.initializers.zeros, (channels,), jnp.float32)
         running_mean = self.variable("batch_stats", "mean", jnp.zeros, (channels,), jnp.float32)
         running_variance = self.variable("batch_stats", "variance", jnp.ones, (channels,), jnp.float32)
 

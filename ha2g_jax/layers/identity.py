@@ -29,7 +29,8 @@ class ImageIdentity(nn.Module):
     def __call__(self, images: jax.Array, *, train: bool) -> tuple[jax.Array, jax.Array]:
         """Map RGB images (B, M, S, S, 3) of values 0 to 255 to mean and log-variance, each (B, feature_dim)."""
         batch, count = images.shape[:2]
-        flat = images.reshape(batch * count, *images.shape[2:]) / 127.5 - 1  # float32 for images of uint8
+        dtype = images.dtype if jnp.issubdtype(images.dtype, jnp.floating) else jnp.float32
+        flat = images.reshape(batch * count, *images.shape[2:]).astype(dtype) / 127.5 - 1
         x = ResNet(self.blocks, self.width, self.is_recomputed, name="resnet")(flat, train=train)
         x = jnp.mean(x.reshape(batch, count, *x.shape[1:]), axis=1)
         # Channels first, as PyTorch flattens (C, H, W).

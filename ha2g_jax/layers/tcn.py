@@ -31,7 +31,7 @@ class WeightNormConv(nn.Module):
         kernel = self.param("kernel", initializers.LINEAR, (_KERNEL, x.shape[-1], self.channels))
         # The scale starts at the kernel's norm, so that the normalised kernel starts as `kernel`.
         scale = self.param("scale", lambda _: _norm(kernel))
-        bias = self.param("bias", nn.initializers.zeros, (self.channels,))
+        bias = self.param("bias", nn.initializers.zeros, (self.channels,), jnp.float32)
         normalised = (kernel * (scale / _norm(kernel))[None, None]).astype(x.dtype)
         # Both taps side by side on the channels are one matrix product. The kernel gradient of XLA's convolution needs
         # transposes on a CPU, which take longer than the product.

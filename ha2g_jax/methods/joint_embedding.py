@@ -200,7 +200,7 @@ def sample(
 ) -> jax.Array:
     """Generate the poses of windows, each from a sample of its latent; without style. See `GeneratingMethod`."""
     del style
-    noise = jax.random.normal(key, features[0].shape)
+    noise = jax.random.normal(key, features[0].shape, features[0].dtype)
     (poses,) = spec.generator.apply(variables, features, noise, seed_pose, train=False, method=JointEmbedding.infer)
     return poses
 
@@ -221,7 +221,7 @@ def run(
     """
     speech, _, seed = speech_arguments(spec, batch)
     poses = subtract_mean(spec, batch["directions"])
-    noise = jax.random.normal(keys["latent"], (len(poses), spec.generator.latent_dim))
+    noise = jax.random.normal(keys["latent"], (len(poses), spec.generator.latent_dim), poses.dtype)
     from_speech = jax.random.bernoulli(keys["coin"]) if train else jnp.ones((), bool)
     clips = (speech, poses, seed, noise, from_speech)
     decoded, batch_stats = apply(

@@ -229,14 +229,14 @@ def speech_arguments(spec: Spec, batch: Mapping[str, jax.Array]) -> tuple[Any, .
 
 def subtract_mean(spec: Spec, directions: jax.Array) -> jax.Array:
     """Return direction vectors (..., bones, 3) less their mean, flat (..., pose_dim), as networks take them (D1)."""
-    mean = jnp.asarray(spec.skeleton.mean_directions)
+    mean = jnp.asarray(spec.skeleton.mean_directions, jnp.float32)
     centred = directions - jnp.expand_dims(mean, tuple(range(directions.ndim - 2)))
     return centred.reshape(*directions.shape[:-2], spec.skeleton.pose_dim)
 
 
 def restore(spec: Spec, poses: jax.Array) -> jax.Array:
     """Return flat poses (..., pose_dim) plus the mean as unit vectors (..., bones, 3), the inverse of D1."""
-    mean = jnp.asarray(spec.skeleton.mean_directions)
+    mean = jnp.asarray(spec.skeleton.mean_directions, jnp.float32)
     vectors = poses.reshape(*poses.shape[:-1], spec.skeleton.num_bones, 3)
     return normalize(vectors + jnp.expand_dims(mean, tuple(range(vectors.ndim - 2))))
 
@@ -253,7 +253,7 @@ def example_batch(spec: Spec) -> Batch:
     }
     batch = {name: jnp.zeros(*shapes[name]) for name in spec.training_inputs}
     batch |= {
-        "directions": jnp.zeros((1, spec.num_frames, spec.skeleton.num_bones, 3)),
+        "directions": jnp.zeros((1, spec.num_frames, spec.skeleton.num_bones, 3), jnp.float32),
         "speaker": jnp.zeros((1,), jnp.int32),
     }
     if spec.identity == "images":

@@ -161,7 +161,7 @@ def run(
     order = jax.random.permutation(keys["permutation"], len(mean))
     z, other_z = mean, mean[order]
     if train:
-        noise = jax.random.normal(keys["identity"], (2, *mean.shape))
+        noise = jax.random.normal(keys["identity"], (2, *mean.shape), mean.dtype)
         deviation = jnp.exp(0.5 * log_variance)
         z, other_z = z + deviation * noise[0], other_z + deviation[order] * noise[1]
     other_z = jax.lax.stop_gradient(other_z)

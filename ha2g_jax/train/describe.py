@@ -34,7 +34,7 @@ def describe(config: Config) -> list[Row]:
     """
     skeleton = load_skeleton(config.skeleton)
     spec = build(config, skeleton, vocabulary_size=1, num_speakers=1)
-    poses = jnp.zeros((1, spec.num_frames, skeleton.pose_dim))
+    poses = jnp.zeros((1, spec.num_frames, skeleton.pose_dim), jnp.float32)
     rows = _rows("generator", spec.generator, *method_of(spec).init_arguments(spec, example_batch(spec)))
     if spec.discriminator is not None:
         rows += _rows("discriminator", spec.discriminator, poses)

@@ -153,7 +153,7 @@ def init_state(objective: Objective, key: jax.Array, pretrained: Mapping[str, An
     generator = _network(merge(variables, pretrained or {}), objective.generator_optimizer)
     discriminator = None
     if spec.discriminator is not None:
-        poses = jnp.zeros((1, spec.num_frames, spec.skeleton.pose_dim))
+        poses = jnp.zeros((1, spec.num_frames, spec.skeleton.pose_dim), jnp.float32)
         variables = spec.discriminator.init(discriminator_key, poses, train=False)
         discriminator = _network(variables, objective.discriminator_optimizer)
     return TrainState(

@@ -186,7 +186,7 @@ def run(
     )
     f_id = mean
     if train:
-        f_id = mean + jnp.exp(0.5 * log_variance) * jax.random.normal(keys["identity"], mean.shape)
+        f_id = mean + jnp.exp(0.5 * log_variance) * jax.random.normal(keys["identity"], mean.shape, mean.dtype)
     # A cyclic shift of the batch: no clip, unless alone, keeps its own identity.
     shift = jax.random.randint(keys["permutation"], (), 1, max(len(mean), 2))
     other_f_id = jax.lax.stop_gradient(exchange(f_id, shift))
