@@ -207,7 +207,7 @@ def output_gradient(
         return weights.gan * optax.tree.norm(pull) / jnp.maximum(weight * norm, _MIN_NORM)
 
     is_logged = ((step + 1) % objective.log_every == 0) | (step + 1 == objective.num_steps)
-    metrics["gradient_ratio/gan"] = jax.lax.cond(is_logged, ratio, lambda: jnp.zeros(()))
+    metrics["gradient_ratio/gan"] = jax.lax.cond(is_logged, ratio, lambda: jnp.zeros((), jnp.float32))
     *coarse, last = gradient.poses
     return gradient._replace(poses=(*coarse, last + gan_slope * pull)), metrics
 
