@@ -12,8 +12,15 @@ class UserError(Exception):
     """
 
 
-def require(module: str, extra: str, *, by: str = "this", package: str = "") -> Any:
-    """Import a module that one of the extras of ha2g-jax installs; `by` says in the message what needs it.
+def require(module: str, extra: str, *, by: str = "this", package: str = "", library: str = "") -> Any:
+    """Import a module that one of the extras of ha2g-jax installs.
+
+    Args:
+        module: name of the module.
+        extra: name of the extra.
+        by: what needs the module, for the message.
+        package: name of its package, where it differs from that of the module.
+        library: how a library of the system that the package loads is installed.
 
     Raises:
         UserError: the package, or a library that it needs, is missing.
@@ -22,6 +29,8 @@ def require(module: str, extra: str, *, by: str = "this", package: str = "") -> 
         return importlib.import_module(module)
     except (ImportError, OSError) as error:  # OSError: a library of the system
         missing = package or module.partition(".")[0].replace("_", "-")
-        if not isinstance(error, ModuleNotFoundError):
-            missing += f", which cannot be loaded ({' '.join(str(error).split())})"
-        raise UserError(f"{by} needs {missing}: pip install 'ha2g-jax[{extra}]'") from error
+        if isinstance(error, ModuleNotFoundError):
+            raise UserError(f"{by} needs {missing}: pip install 'ha2g-jax[{extra}]'") from error
+        why = " ".join(str(error).split())
+        install = library or f"pip install --force-reinstall {missing}"
+        raise UserError(f"{by} needs {missing}, which is installed but does not load ({why}): {install}") from error

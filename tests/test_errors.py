@@ -16,5 +16,5 @@ def test_a_package_that_is_missing_is_named_with_its_extra(monkeypatch, tmp_path
         require("no_such.part", "live")
     (tmp_path / "broken.py").write_text("raise OSError('no\\nlibrary')")
     monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(UserError, match=r"^sound needs Port, which cannot be loaded \(no library\): pip install"):
-        require("broken", "live", by="sound", package="Port")
+    with pytest.raises(UserError, match=r"^sound needs Port, .* does not load \(no library\): apt install libport$"):
+        require("broken", "live", by="sound", package="Port", library="apt install libport")

@@ -113,10 +113,29 @@ def _run(argv: list[str], *, is_process: bool) -> int:
         print(f"ha2g:{where} {reason(error).lower()}", file=sys.stderr)
         return 2
     except Exception:
+        if trouble := _trouble_of_jax():
+            print(f"ha2g: {trouble}", file=sys.stderr)
+            return 2
         traceback.print_exc()
         print(f"ha2g: an error of ha2g {__version__}; report the text above as SECURITY.md says", file=sys.stderr)
         return 1
     return code
+
+
+def _trouble_of_jax() -> str:
+    """Return why JAX does not start on this machine, and what to change; empty if it starts."""
+    platforms = os.environ.get("JAX_PLATFORMS", "")
+    try:
+        import jax
+
+        jax.devices()
+    # A missing plugin of CUDA is an AssertionError, packages that do not fit each other a RuntimeError or an ImportError.
+    except (AssertionError, ImportError, RuntimeError) as error:
+        if platforms:
+            install = "install its plugin, such as pip install -U 'jax[cuda13]'"
+            return f"JAX has no platform {shown(platforms)} on this machine: unset JAX_PLATFORMS, or {install}"
+        return f"JAX does not start ({reason(error)}): install its packages in one version, pip install -U jax jaxlib"
+    return ""
 
 
 def _print_any_path() -> None:

@@ -3,9 +3,12 @@
 import argparse
 import itertools
 import json
+import os
 import pathlib
 import re
 import signal
+import subprocess
+import sys
 
 import pytest
 
@@ -13,6 +16,8 @@ import ha2g_jax
 from ha2g_jax import cli
 from ha2g_jax.data.talk.speakers import default_styles
 from ha2g_jax.files.writing import whole_file
+
+HELLO = pathlib.Path(__file__).parents[2] / "examples" / "hello.wav"
 
 
 def parsers(parser, name="ha2g"):
@@ -120,3 +125,11 @@ def test_the_help_lists_every_command_once():
     names = [name for group in cli.GROUPS.values() for name in group]
     assert sorted(names) == sorted({name.split()[1] for name in COMMANDS if " " in name})
     assert re.findall(r"^  (\w+) ", cli.make_parser().format_help(), re.MULTILINE) == names
+
+
+def test_a_platform_that_jax_lacks_is_one_line(tmp_path):
+    command = [sys.executable, "-m", "ha2g_jax.cli", "generate", str(HELLO), "--out", str(tmp_path / "x.npz")]
+    environment = os.environ | {"JAX_PLATFORMS": "nowhere"}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    assert (done.returncode, "Traceback" in done.stderr) == (2, False)
+    assert "ha2g: JAX has no platform nowhere on this machine: unset JAX_PLATFORMS" in done.stderr

@@ -31,6 +31,7 @@ _PIECE = 4096  # bytes of a pipe
 _PATIENCE = 0.06  # seconds after the end of the sound until silence is heard; less than a frame
 _POLL = 0.02  # seconds between two looks at the queue
 _BROKEN = 5.0  # seconds without sound after which a microphone is taken to be unplugged
+_INSTALL_PORTAUDIO = "sudo apt install libportaudio2 (Debian, Ubuntu), sudo dnf install portaudio (Fedora)"
 _BUSY, _UNSUPPORTED = 1013, 1003  # codes of WebSockets for a second sender, and for text
 
 
@@ -241,7 +242,7 @@ class MicrophoneSource:
     name, is_timed = "microphone", True
 
     def __init__(self, rate: int | None) -> None:
-        self._library = require("sounddevice", "live", package="sounddevice and PortAudio")
+        self._library = require("sounddevice", "live", by="the microphone", library=_INSTALL_PORTAUDIO)
         with self._device_errors():
             self._rate = rate or round(self._library.query_devices(kind="input")["default_samplerate"])
         self._pieces: queue.Queue[tuple[np.ndarray, float]] = queue.Queue(_QUEUE)

@@ -188,7 +188,7 @@ def test_a_microphone_that_is_missing_is_said_in_one_line(clock, monkeypatch):
     with pytest.raises(UserError, match=r"no microphone can be used \(Error querying device -1\)"):
         sources.MicrophoneSource(None)
     monkeypatch.setitem(sys.modules, "sounddevice", None)
-    with pytest.raises(UserError, match=r"needs sounddevice and PortAudio: pip install 'ha2g-jax\[live\]'"):
+    with pytest.raises(UserError, match=r"the microphone needs sounddevice: pip install 'ha2g-jax\[live\]'"):
         sources.MicrophoneSource(None)
 
 
