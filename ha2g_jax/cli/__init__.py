@@ -129,7 +129,7 @@ def _trouble_of_jax() -> str:
         import jax
 
         jax.devices()
-    # A missing plugin of CUDA is an AssertionError, packages that do not fit each other a RuntimeError or an ImportError.
+    # Without the plugin of CUDA it is an AssertionError, with packages of two versions a RuntimeError or ImportError.
     except (AssertionError, ImportError, RuntimeError) as error:
         if platforms:
             install = "install its plugin, such as pip install -U 'jax[cuda13]'"
