@@ -14,7 +14,7 @@ from ha2g_jax.checkpoint.onnx.reading import SUFFIX as ONNX
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import has_sound
 from ha2g_jax.features.text import Word
-from ha2g_jax.files.reading import check_regular, reading, shown
+from ha2g_jax.files.reading import check_regular, reading, shown, why_not_there
 from ha2g_jax.files.writing import check_kept, whole_file
 from ha2g_jax.motion import formats, rigs
 from ha2g_jax.motion.motion import Motion
@@ -135,6 +135,9 @@ def _in_folder(folder: pathlib.Path) -> list[pathlib.Path]:
     """Return the files with sound of a folder by name, without what was generated from the others before."""
     files = _files_in(folder)
     speech = _speech_among(files)
+    for path in files:
+        if why := why_not_there(path):
+            tqdm.write(f"{shown(path)} {why}", file=sys.stderr)
     if not speech:
         raise UserError(f"no file with sound in {shown(folder)}; give a folder of recordings of speech")
     if skipped := [shown(path.name) for path in files if path not in speech]:

@@ -88,8 +88,6 @@ def read_audio(path: str | pathlib.Path, max_seconds: float = MAX_SOUND_SECONDS)
         raise UserError(
             f"{'a folder' if path.is_dir() else 'no file'} at {shown(path)}; give the path of an audio file"
         )
-    if size == 0:
-        raise UserError(f"{shown(path)} is an empty file; expected a recording of speech")
     # Sums of samples that are damaged may be infinite.
     with reading(path, "a recording of speech"), np.errstate(over="ignore", invalid="ignore"):
         try:

@@ -10,7 +10,7 @@ import numpy as np
 from PIL import Image, ImageOps
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import quiet, reason, shown
+from ha2g_jax.files.reading import check_there, quiet, reason, shown
 from ha2g_jax.limits import MAX_PICTURE_BYTES, MAX_PICTURE_PASSES, MAX_PICTURE_PIXELS
 
 # Exceptions by which Pillow answers damaged pictures.
@@ -29,8 +29,9 @@ def read_picture(path: str | pathlib.Path) -> Image.Image:
     """Read a PNG, JPEG or other common picture of any size within the limits, upright, in RGB of 8 bits.
 
     Raises:
-        UserError: the file is missing or no picture, or it is damaged or too large.
+        UserError: the file is missing, not there yet or no picture, or it is damaged or too large.
     """
+    check_there(path)
     try:
         with pathlib.Path(path).open("rb") as file:
             content = file.read(MAX_PICTURE_BYTES + 1)

@@ -3,6 +3,7 @@
 Files that this package has written itself are read plainly.
 """
 
+import codecs
 import contextlib
 import hashlib
 import io
@@ -26,6 +27,8 @@ _OF_CONTENT = (ValueError, ArithmeticError, RecursionError, EOFError, struct.err
 
 _MAX_CONTENTS = 1 << 20  # bytes in the table of contents of a zip file, enough for thousands of files
 _CHUNK = 1 << 18
+_HEAD = 256  # bytes at the beginning of a file, by which `why_not_there` knows what it is
+_UNFINISHED = (".part", ".partial", ".crdownload", ".download", ".opdownload", ".filepart", ".!ut", ".aria2")
 
 _lock = threading.Lock()
 _kept: list[int] = []  # the standard error while it is replaced, once for each context that is open
@@ -42,6 +45,43 @@ def shown(path: str | os.PathLike) -> str:
     return f"{text[: MAX_NAME_LENGTH // 2]}...{text[-MAX_NAME_LENGTH // 2 :]}"
 
 
+def why_not_there(path: str | os.PathLike) -> str:
+    """Return what stands in the place of a file that has not arrived yet, and what to do; empty if the file is there.
+
+    That is a pointer of Git LFS or git-annex, an unfinished download, a web page that was saved in place of a file, or
+    nothing at all. Only the beginning of a regular file is read, so that a pipe keeps its content.
+    """
+    path = pathlib.Path(path)
+    try:
+        if not path.is_file():
+            return ""
+        with path.open("rb") as file:
+            head = file.read(_HEAD)
+    except (OSError, ValueError):  # the reader says why
+        return ""
+    if head.startswith(b"version https://git-lfs.github.com/spec/"):
+        return "is a pointer of Git LFS, not the file: run git lfs pull"
+    if head.startswith(b"/annex/objects/"):
+        return "is a pointer of git-annex, not the file: run git annex get"
+    if path.suffix.lower() in _UNFINISHED:
+        return "is an unfinished download: wait until it is complete, or download it again"
+    if not head:
+        return "is an empty file: copy or download it again"
+    if head.removeprefix(codecs.BOM_UTF8).lstrip().lower().startswith((b"<!doctype html", b"<html")):
+        return "is a web page, not the file: open it in a browser, which shows why, and download the file itself"
+    return ""
+
+
+def check_there(path: str | os.PathLike) -> None:
+    """Check that a file, if there is one, has arrived, see `why_not_there`.
+
+    Raises:
+        UserError: it has not.
+    """
+    if why := why_not_there(path):
+        raise UserError(f"{shown(path)} {why}")
+
+
 @contextlib.contextmanager
 def reading(path: str | os.PathLike, expected: str, *also: type[Exception]) -> Iterator[None]:
     """Turn the exceptions of a reader, and those in `also`, into a `UserError` that names the file.
@@ -49,9 +89,10 @@ def reading(path: str | os.PathLike, expected: str, *also: type[Exception]) -> I
     `expected` is the kind of file with its article: "a BVH file".
 
     Raises:
-        UserError: the file is missing or unreadable, its content is not as expected, or memory did not suffice. A
-            `UserError` of the reader itself passes unchanged.
+        UserError: the file is missing or unreadable, has not arrived yet, its content is not as expected, or memory
+            did not suffice. A `UserError` of the reader itself passes unchanged.
     """
+    check_there(path)
     try:
         yield
     except MemoryError as error:

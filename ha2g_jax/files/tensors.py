@@ -11,7 +11,7 @@ import numpy as np
 import safetensors
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import reason, shown
+from ha2g_jax.files.reading import check_there, reason, shown
 from ha2g_jax.limits import MAX_HEADER_BYTES
 
 TYPES = ("F32", "F16", "BF16")  # of tensors that are read
@@ -25,8 +25,9 @@ def open_tensors(path: str | os.PathLike) -> Iterator[Any]:
     they cover without gaps and overlaps.
 
     Raises:
-        UserError: the file is missing, unreadable or damaged, or its header is too large.
+        UserError: the file is missing, unreadable, not there yet or damaged, or its header is too large.
     """
+    check_there(path)
     try:
         _check_header_size(pathlib.Path(path))
         with safetensors.safe_open(path, "numpy") as file:

@@ -156,7 +156,7 @@ def test_few_rows_of_a_large_model_take_little_memory(tmp_path):
 MODEL = fasttext_model(ROWS, list(ROWS.values()) + [[1, 1, 1]] * 4, buckets=4, ngrams=(2, 3))
 BAD = {
     "missing.txt": (None, "no word vectors at"),
-    "empty.txt": (b"", "it is empty"),
+    "empty.txt": (b"", "is an empty file"),
     "wide.txt": (b"two 1 2 3 4\n", "vectors of 4 values"),
     "wide.bin": (b"1 4\n" + BINARY, "vectors of 4 values"),
     "wide fasttext.bin": (fasttext_model(["two"], [[1, 2, 3, 4]]), "vectors of 4 values"),

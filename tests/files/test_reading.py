@@ -1,5 +1,6 @@
 """Exceptions of readers become one line that names the file; C libraries are silent while a thread asks for it."""
 
+import concurrent.futures
 import contextlib
 import errno
 import json
@@ -8,7 +9,14 @@ import os
 import pytest
 
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import read_audio
+from ha2g_jax.features.pictures import read_picture
 from ha2g_jax.files.reading import parse_json, quiet, read_bytes, read_json, reading, shown
+from ha2g_jax.files.tensors import open_tensors
+
+
+def read_whole(path):
+    return read_bytes(path, "a text", 100)
 
 
 @pytest.mark.parametrize(
@@ -36,6 +44,35 @@ def test_other_exceptions_pass_unless_named():
         raise KeyError("x")
     with pytest.raises(UserError, match=r"^as it is$"), reading("x.bvh", "a BVH file"):
         raise UserError("as it is")
+
+
+LFS = b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 44\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.bvh", LFS, "is a pointer of Git LFS, not the file: run git lfs pull"),
+        ("a.wav", b"/annex/objects/SHA256E-s44--4d7a.wav\n", "is a pointer of git-annex, .* run git annex get"),
+        ("a.npz", b"\xef\xbb\xbf\n <!DOCTYPE HTML><title>Sign in</title>", "is a web page, not the file"),
+        ("a.glb", b"<html lang=en>", "is a web page, not the file"),
+        ("a.srt", b"", "is an empty file"),
+        ("a.wav.crdownload", b"RIFF", "is an unfinished download"),
+    ],
+)
+@pytest.mark.parametrize("read", [read_whole, read_picture, lambda path: open_tensors(path).__enter__(), read_audio])
+def test_a_file_that_has_not_arrived_is_named(tmp_path, read, name, content, message):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(UserError, match=message):
+        read(tmp_path / name)
+
+
+def test_a_pipe_keeps_its_content(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    with concurrent.futures.ThreadPoolExecutor(1) as pool:
+        done = pool.submit((tmp_path / "pipe").write_bytes, b"content")
+        assert read_whole(tmp_path / "pipe") == b"content"
+        done.result()
 
 
 def test_any_path_is_shown():
