@@ -227,7 +227,6 @@ class FromFiles:
 
     Args:
         folder: folder of the files, of any kind that `motion.readers` reads.
-        clips: names of the clips.
         count: number of samples of each clip; None takes what is there.
         body: see `from_motion`.
         joint_map, source_fps: see `motion.readers.read_motion`.
@@ -274,7 +273,6 @@ def read_shapes(folder: pathlib.Path, clips: Sequence[str]) -> dict[str, np.ndar
 
     Args:
         folder: folder with a file of each clip, or for clips with names of BEAT2 of another clip of the speaker.
-        clips: names of the clips.
 
     Raises:
         UserError: there is no file for a clip, or it has no shape.

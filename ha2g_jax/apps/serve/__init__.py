@@ -9,11 +9,7 @@ __all__ = ["Settings", "serve"]
 
 
 def serve(checkpoint: str | pathlib.Path, settings: Settings) -> None:
-    """Load a model and answer requests until SIGTERM or Ctrl-C.
-
-    Args:
-        checkpoint: model, see `synthesis.load`.
-        settings: address, token and limits of the service.
+    """Load a model, see `synthesis.load`, and answer requests until SIGTERM or Ctrl-C.
 
     Raises:
         UserError: a library of the extra `serve` is missing, the settings or the model cannot be used, or the address

@@ -105,13 +105,10 @@ class Places:
 
 
 class Service:
-    """A model and the state of the service that generates with it.
+    """A model and the state of the service that generates with it: places of requests for motion, and of streams.
 
     Attributes:
         folder: folder of temporary files, that of the system by default.
-        counters: what the service counts.
-        motions: places of requests for motion.
-        sessions: places of streams.
         is_stopping: whether new requests are refused, as the process ends.
     """
 

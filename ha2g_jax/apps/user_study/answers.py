@@ -19,14 +19,12 @@ from ha2g_jax.files.reading import check_regular, read_json, shown
 from ha2g_jax.limits import MAX_ANSWER_BYTES, MAX_ANSWER_FILES
 from ha2g_jax.progress import progress_bar
 
-MAX_COMMENTS = 2000
-"""Letters of a participant's comments."""
-
 _FORMAT, _VERSION = "ha2g-study-answers", 1
 _EXPECTED = "an answer file of a study"
 _ID = re.compile(r"[A-Za-z0-9_-]{1,64}")
 _CHOICES = ("left", "right", "equal")
 _NAMED = 3  # items that a reason names
+_MAX_COMMENTS = 2000  # characters
 
 
 class Answer(NamedTuple):
@@ -45,15 +43,7 @@ class Answer(NamedTuple):
 
 
 class Participant(NamedTuple):
-    """A participant whose answers are complete and well-formed.
-
-    Attributes:
-        id: name in the answers, of letters, digits, hyphens and underscores.
-        file: name of the file as printable text.
-        finished: time of the last answer.
-        answers: answers in the order of the file.
-        comments: free text, as the participant wrote it.
-    """
+    """A participant whose answers are complete and well-formed, in the order of the file, whose name is printable."""
 
     id: str
     file: str
@@ -155,7 +145,7 @@ def _participant(content: Any, path: pathlib.Path, key: Key) -> Participant:
     finished = _time(content.get("finished"), "finished")
     comments = content.get("comments", "")
     _check(isinstance(comments, str), "comments are not text")
-    _check(len(comments) <= MAX_COMMENTS, f"comments of more than {MAX_COMMENTS} characters")
+    _check(len(comments) <= _MAX_COMMENTS, f"comments of more than {_MAX_COMMENTS} characters")
     answers = tuple(_answers(content, key))
     checks = [answer for answer in answers if answer.item.kind == ATTENTION]
     failed = sum(answer.ratings != (answer.item.expected,) for answer in checks)

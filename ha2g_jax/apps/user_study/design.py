@@ -84,12 +84,9 @@ class Key:
 
     Attributes:
         study: id of the study, which the answers repeat.
-        title: title that participants see.
         created: time in ISO 8601.
         stimuli: stimuli by opaque id.
         per_participant: number of items of each kind that a participant answers.
-        scales: names of the scales of ratings.
-        points: least and greatest number of a rating.
     """
 
     study: str

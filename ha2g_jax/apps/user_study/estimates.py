@@ -126,9 +126,7 @@ class Share(NamedTuple):
     """The share of choices that prefer the first stimulus of their pairs.
 
     Attributes:
-        first: number of choices for the first stimulus.
-        equal: number of choices for neither.
-        second: number of choices for the second stimulus.
+        first, equal, second: numbers of choices for the first stimulus, for neither, and for the second one.
         value: first / (first + second); NaN without such choices.
         low, high: bounds over participants and clips.
         p: p-value of the hypothesis that the share is a half, for the same sampling as the interval.
