@@ -7,11 +7,12 @@ import subprocess
 import sys
 import tomllib
 import types
-import wave
 import zipfile
 
+import av
 import numpy as np
 import pytest
+import soundfile
 from fixtures.blender import blender_python
 from fixtures.motions import swaying
 
@@ -136,20 +137,17 @@ def moving(addon, tmp_path_factory):
 def test_bones_are_known_whatever_their_prefix(addon, moving, prefix):
     bones = [f"{prefix}{name}" for name in ("Hips", "Spine", "Spine2", "Head", "LeftArm", "RightArm", "LeftHandThumb1")]
     found = addon.bone_names.match(moving(), bones)
-    assert found[f"{prefix}LeftArm"] == ("left_shoulder", 1.0)
-    assert found[f"{prefix}LeftHandThumb1"] == ("left_thumb_1", 1.0)
-    assert found[f"{prefix}Spine"] == ("spine", 0.3333)
+    expected = {"LeftArm": ("left_shoulder", 1.0), "LeftHandThumb1": ("left_thumb_1", 1.0), "Spine": ("spine", 0.3333)}
+    assert found.items() >= {f"{prefix}{name}": joint for name, joint in expected.items()}.items()
     assert f"{prefix}Hips" not in found
 
 
-def test_a_file_of_the_same_rig_leaves_the_legs_alone(addon, moving):
+def test_bones_of_the_same_rig_and_of_ted_gesture(addon, moving):
+    """Legs are left alone, and the head of TED Gesture is turned by its nose."""
     motion = moving("mixamo")
     found = addon.bone_names.match(motion, motion.joints)
     assert found["mixamorig:LeftArm"] == ("mixamorig:LeftArm", 1.0)
     assert not {"mixamorig:Hips", "mixamorig:LeftUpLeg", "mixamorig:RightFoot"} & set(found)
-
-
-def test_the_head_of_ted_gesture_is_turned_by_its_nose(addon, moving):
     found = addon.bone_names.match(moving("ha2g", "ted_gesture"), ["head", "upperarm_l", "upperarm_r", "spine_05"])
     assert found["head"] == ("nose_0", 1.0)
 
@@ -183,6 +181,12 @@ def pose_target(addon, target, fitted: dict[str, np.ndarray]) -> np.ndarray:
     return heads
 
 
+def angle_between_bones(starts, ends, our_starts, our_ends) -> float:
+    """The greatest angle in degrees between bones of two figures."""
+    bones, ours = rotations.unit(ends - starts), rotations.unit(our_ends - our_starts)
+    return np.degrees(np.arccos(np.clip(np.sum(bones * ours, axis=-1), -1, 1))).max()
+
+
 @pytest.mark.parametrize("way", ["upright", "lying", "aside"])
 def test_arms_and_fingers_point_where_ours_do_on_any_armature(addon, moving, way):
     """An A-posed armature whose bones have axes of their own, which faces elsewhere."""
@@ -201,10 +205,9 @@ def test_arms_and_fingers_point_where_ours_do_on_any_armature(addon, moving, way
     heads = rotations.rotate(rotations.conjugate(pose), pose_target(addon, target, fitted))
     ours = positions_of(motion)
     for (start, end), (our_start, our_end) in BONES.items():
-        bone = heads[:, target.bones.index(end)] - heads[:, target.bones.index(start)]
-        our_bone = ours[:, motion.joints.index(our_end)] - ours[:, motion.joints.index(our_start)]
-        cosine = np.sum(rotations.unit(bone) * rotations.unit(our_bone), axis=-1)
-        assert np.degrees(np.arccos(np.clip(cosine, -1, 1))).max() < 0.1, (start, end)
+        found = (heads[:, target.bones.index(name)] for name in (start, end))
+        expected = (ours[:, motion.joints.index(name)] for name in (our_start, our_end))
+        assert angle_between_bones(*found, *expected) < 0.1, (start, end)
 
 
 def test_our_own_armature_gets_the_solvers_rotations(addon, moving, animation):
@@ -243,11 +246,7 @@ def in_blender(tmp_path_factory) -> tuple[pathlib.Path, dict]:
     for name in ("motion.glb", "motion.bvh", "motion.json"):
         export(motion, folder / name)
     export(motion, folder / "unreal.json", rig="unreal")
-    with wave.open(str(folder / "tone.wav"), "wb") as sound:
-        sound.setnchannels(1)
-        sound.setsampwidth(2)
-        sound.setframerate(16000)
-        sound.writeframes((8000 * np.sin(np.arange(12800) / 8)).astype("<i2").tobytes())
+    soundfile.write(folder / "tone.wav", 0.25 * np.sin(np.arange(12800) / 8), 16000)
     command = [python, str(ROOT / "tests" / "in_blender.py"), str(folder)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (folder / "results.json").is_file(), done.stdout + done.stderr
@@ -264,28 +263,27 @@ def test_joints_in_blender_are_where_ours_are(in_blender, animation, where):
         np.testing.assert_allclose(np.array(found[name]), positions[:, index], atol=MILLIMETRE, err_msg=name)
 
 
-def test_the_scene_has_the_motions_time_and_a_body_that_moves(in_blender):
+def test_the_scene_has_the_motions_time_and_a_body_that_moves_and_the_panel_says_what_is_wrong(in_blender):
     _, results = in_blender
     assert results["scene_time"] == [15, 0, 11]
     assert 0.2 < results["body_moved"] < 1.5
+    assert results["panel"] == ["FINISHED"]
+    assert results["panel_sounds"] == ["tone.wav"]
+    assert "no motion at" in results["panel_error"]
+    assert results["is_unregistered"]
 
 
 def test_another_character_does_what_our_figure_does(in_blender, animation):
     _, results = in_blender
-    _, positions = world(animation)
+    positions = world(animation)[1][..., [2, 1, 0]] * [1, 1, -1]  # bob faces +x
     for (start, end), (our_start, our_end) in BONES.items():
-        bone = np.array(results["bob"][end]) - np.array(results["bob"][start])
-        joints = animation.armature.joint(our_end), animation.armature.joint(our_start)
-        ours = positions[:, joints[0]] - positions[:, joints[1]]
-        ours = ours[:, [2, 1, 0]] * [1, 1, -1]  # bob faces +x
-        cosine = np.sum(rotations.unit(bone) * rotations.unit(ours), axis=-1)
-        assert np.degrees(np.arccos(np.clip(cosine, -1, 1))).max() < 0.2, (start, end)
+        found = (np.array(results["bob"][name]) for name in (start, end))
+        expected = (positions[:, animation.armature.joint(name)] for name in (our_start, our_end))
+        assert angle_between_bones(*found, *expected) < 0.2, (start, end)
     assert results["bob_thigh"] == pytest.approx([0.8, 0.6, 0, 0], abs=1e-6)
 
 
 def test_a_film_lasts_as_long_as_the_motion_and_has_its_sound(in_blender):
-    import av
-
     folder, results = in_blender
     assert results["film"] == 0
     with av.open(str(folder / "film.mp4")) as container:
@@ -296,14 +294,6 @@ def test_a_film_lasts_as_long_as_the_motion_and_has_its_sound(in_blender):
     with av.open(str(folder / "film.mp4")) as container:
         heard = np.concatenate([frame.to_ndarray()[0] for frame in container.decode(audio=0)])
     assert np.abs(heard).max() > 0.1
-
-
-def test_the_panel_says_what_is_wrong_and_goes_without_a_trace(in_blender):
-    _, results = in_blender
-    assert results["panel"] == ["FINISHED"]
-    assert results["panel_sounds"] == ["tone.wav"]
-    assert "no motion at" in results["panel_error"]
-    assert results["is_unregistered"]
 
 
 def test_a_mistake_is_one_line_and_leaves_no_file(tmp_path):
