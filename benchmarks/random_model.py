@@ -6,7 +6,7 @@ import numpy as np
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.config.settings import Config
 from ha2g_jax.features.text import Vocabulary
-from ha2g_jax.methods.build import build, variable_shapes
+from ha2g_jax.methods import build, variable_shapes
 from ha2g_jax.methods.method import Spec, Variables
 from ha2g_jax.skeleton import load_skeleton, normalize
 

@@ -128,7 +128,7 @@ def debug_model():
     from ha2g_jax.checkpoint.assets import Assets
     from ha2g_jax.config import presets
     from ha2g_jax.features.text import Vocabulary
-    from ha2g_jax.methods.build import build, variable_shapes
+    from ha2g_jax.methods import build, variable_shapes
     from ha2g_jax.skeleton import load_skeleton, normalize
     from ha2g_jax.synthesis import Model
 

@@ -22,7 +22,7 @@ from ha2g_jax.data.windows import Windows
 from ha2g_jax.evaluation.clip_result import ClipResult
 from ha2g_jax.evaluation.evaluate import evaluate
 from ha2g_jax.features.text import Vocabulary
-from ha2g_jax.methods.build import build
+from ha2g_jax.methods import build
 from ha2g_jax.methods.ha2g import losses
 from ha2g_jax.methods.method import example_batch
 from ha2g_jax.metrics import METRICS

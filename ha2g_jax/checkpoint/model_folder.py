@@ -22,7 +22,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import parse_json, read_bytes, reason, shown
 from ha2g_jax.files.writing import whole_file, whole_folder
 from ha2g_jax.limits import MAX_ASSETS_BYTES, MAX_CONFIG_BYTES
-from ha2g_jax.methods.build import build, variable_shapes
+from ha2g_jax.methods import build, variable_shapes
 from ha2g_jax.methods.method import Spec
 
 

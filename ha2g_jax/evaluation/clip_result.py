@@ -199,7 +199,7 @@ def clip_identity(model: "Model", clip: Clip) -> np.ndarray:
     Raises:
         UserError: the model reads images and the clip has none.
     """
-    from ha2g_jax.methods.build import encode_identity
+    from ha2g_jax.methods import encode_identity
 
     spec = model.spec
     if not spec.identity:

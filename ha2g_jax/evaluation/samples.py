@@ -13,7 +13,7 @@ from ha2g_jax.data.records import Clip
 from ha2g_jax.data.windows import resize_images
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
-from ha2g_jax.methods.build import encode_identity
+from ha2g_jax.methods import encode_identity
 from ha2g_jax.methods.method import Spec
 from ha2g_jax.motion.formats.video import write_video
 from ha2g_jax.motion.motion import Motion

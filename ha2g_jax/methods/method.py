@@ -117,7 +117,7 @@ class Method(Protocol):
     def has_parts(self) -> bool: ...
 
     def build(self, config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
-        """Build the networks that `config.model` and `config.data` describe, see `ha2g_jax.methods.build.build`.
+        """Build the networks that `config.model` and `config.data` describe, see `ha2g_jax.methods.build`.
 
         Raises:
             UserError: a setting that the method cannot use.

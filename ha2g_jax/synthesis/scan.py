@@ -20,7 +20,7 @@ from tqdm import tqdm
 
 from ha2g_jax.data.speech import Speech, window
 from ha2g_jax.features.text import Vocabulary
-from ha2g_jax.methods.build import generating_method_of
+from ha2g_jax.methods import generating_method_of
 from ha2g_jax.methods.method import Batch, Spec, Variables, restore, subtract_mean
 
 # Windows of a chunk. The last chunk is padded with silence, so that larger numbers cost time for short speech; for long

@@ -206,7 +206,7 @@ def _encode_images(
 
     from ha2g_jax.data.windows import resize_images
     from ha2g_jax.features.pictures import read_picture
-    from ha2g_jax.methods.build import encode_identity
+    from ha2g_jax.methods import encode_identity
 
     images = []
     for path in paths:

@@ -12,8 +12,8 @@ from ha2g_jax.config.settings import Config
 from ha2g_jax.layers.conv import BatchNorm, Conv
 from ha2g_jax.layers.identity import ResNet
 from ha2g_jax.layers.resnet_se import Head, Stage, Stem
+from ha2g_jax.methods import build, method_of
 from ha2g_jax.methods.autoencoder import LATENT_DIMS, PoseAutoencoder
-from ha2g_jax.methods.build import build, method_of
 from ha2g_jax.methods.method import example_batch
 from ha2g_jax.skeleton import load_skeleton
 

@@ -15,7 +15,7 @@ from ha2g_jax.data.corpus import TALK, TRAIN, Corpus, corpus_folder
 from ha2g_jax.errors import UserError
 from ha2g_jax.features import espeak
 from ha2g_jax.features.espeak import Voice
-from ha2g_jax.methods.build import build
+from ha2g_jax.methods import build
 from ha2g_jax.train import inputs
 from ha2g_jax.train.fits import check_machine
 from ha2g_jax.train.measure import Finding, TimedStep, examine_machine, gib, host_memory

@@ -19,7 +19,7 @@ from ha2g_jax.config.settings import Config
 from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.data.talk.build import talk_path
 from ha2g_jax.errors import UserError
-from ha2g_jax.methods.build import method_of
+from ha2g_jax.methods import method_of
 from ha2g_jax.methods.ha2g.losses import is_rigid
 from ha2g_jax.methods.method import Batch, subtract_mean
 from ha2g_jax.train import inputs

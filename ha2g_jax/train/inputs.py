@@ -17,7 +17,7 @@ from ha2g_jax.data.windows import Windows
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.features.word_vectors import read_word_vectors
-from ha2g_jax.methods.build import encode_identity, variable_shapes
+from ha2g_jax.methods import encode_identity, variable_shapes
 from ha2g_jax.methods.method import Spec
 
 VALIDATION = "val"

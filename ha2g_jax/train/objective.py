@@ -17,7 +17,7 @@ from ha2g_jax.checkpoint.state import Network, TrainState
 from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.layers.cpu.onednn.library import is_available
-from ha2g_jax.methods.build import build, method_of
+from ha2g_jax.methods import build, method_of
 from ha2g_jax.methods.method import Compute, Spec, example_batch
 from ha2g_jax.skeleton import Skeleton
 
@@ -71,7 +71,7 @@ def build_objective(
 
     Args:
         config: settings, with the fields of `ha2g_jax.config.settings.paper`.
-        skeleton, vocabulary_size, num_speakers: see `ha2g_jax.methods.build.build`.
+        skeleton, vocabulary_size, num_speakers: see `ha2g_jax.methods.build`.
         steps_per_epoch: number of steps in an epoch, by which `config.train.warmup_epochs` becomes a number of steps.
         onednn: whether oneDNN computes convolutions and GRUs; None for yes where it is available.
 

@@ -14,9 +14,8 @@ import jax.numpy as jnp
 import optax
 
 from ha2g_jax.checkpoint.state import Network, TrainState
-from ha2g_jax.methods import adversarial
+from ha2g_jax.methods import adversarial, method_of
 from ha2g_jax.methods.adversarial import discriminate
-from ha2g_jax.methods.build import method_of
 from ha2g_jax.methods.method import Batch, Run, Spec, subtract_mean
 from ha2g_jax.train.objective import Objective
 

@@ -10,7 +10,7 @@ import pytest
 
 from ha2g_jax.config import presets
 from ha2g_jax.errors import UserError
-from ha2g_jax.methods.build import method_of
+from ha2g_jax.methods import method_of
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.train.objective import build_objective, init_state
 from ha2g_jax.train.step import step_keys, train_step

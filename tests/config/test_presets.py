@@ -6,9 +6,9 @@ import jax
 import jax.numpy as jnp
 import pytest
 
+from ha2g_jax import methods
 from ha2g_jax.config import presets, settings
 from ha2g_jax.errors import UserError
-from ha2g_jax.methods import build as specs
 from ha2g_jax.methods.method import example_batch
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.train.objective import build_objective, init_state
@@ -19,7 +19,7 @@ SPECS = [*((data, "ha2g") for data in presets.DATA), *(("talk", name) for name i
 
 
 def build(config):
-    return specs.build(config, load_skeleton(config.skeleton), vocabulary_size=10, num_speakers=3)
+    return methods.build(config, load_skeleton(config.skeleton), vocabulary_size=10, num_speakers=3)
 
 
 @pytest.mark.parametrize("size", presets.SIZES)

@@ -12,7 +12,7 @@ from ha2g_jax.config import presets
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.features import PoseFeatures
 from ha2g_jax.features.text import Vocabulary
-from ha2g_jax.methods.build import build, variable_shapes
+from ha2g_jax.methods import build, variable_shapes
 from ha2g_jax.methods.method import subtract_mean
 from ha2g_jax.skeleton import load_skeleton
 

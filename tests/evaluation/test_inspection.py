@@ -8,7 +8,7 @@ from ha2g_jax.config import presets
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation import inspection
 from ha2g_jax.features.text import Word
-from ha2g_jax.methods.build import build
+from ha2g_jax.methods import build
 from ha2g_jax.synthesis import Model
 
 WORDS = (Word("one", 0.3, 0.6), Word("two", 1.2, 1.5), Word("three", 2.6, 2.9))

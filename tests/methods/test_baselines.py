@@ -13,9 +13,9 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.layers.identity import SpeakerIdentity
 from ha2g_jax.layers.tcn import TextEncoder
 from ha2g_jax.layers.waveform import WaveformEncoder
+from ha2g_jax.methods import method_of
 from ha2g_jax.methods.adversarial import Discriminator
 from ha2g_jax.methods.autoencoder import PoseAutoencoder
-from ha2g_jax.methods.build import method_of
 from ha2g_jax.methods.joint_embedding import JointEmbedding
 from ha2g_jax.methods.seq2seq import Seq2Seq
 from ha2g_jax.methods.speech2gesture import PatchDiscriminator, Speech2Gesture

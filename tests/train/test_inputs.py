@@ -14,7 +14,7 @@ from ha2g_jax.config import presets
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import UNKNOWN, Vocabulary
-from ha2g_jax.methods.build import build, variable_shapes
+from ha2g_jax.methods import build, variable_shapes
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.train import inputs
 from ha2g_jax.train.inputs import initial_variables

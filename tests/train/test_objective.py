@@ -10,7 +10,7 @@ import pytest
 
 from ha2g_jax.checkpoint import weights
 from ha2g_jax.config import presets
-from ha2g_jax.methods.build import build as build_method
+from ha2g_jax.methods import build as build_method
 from ha2g_jax.methods.method import restore, subtract_mean
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.train.inputs import word_table

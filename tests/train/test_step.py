@@ -10,9 +10,8 @@ import pytest
 
 from ha2g_jax.config import presets
 from ha2g_jax.data.corpus import TRAIN
-from ha2g_jax.methods import adversarial
+from ha2g_jax.methods import adversarial, method_of
 from ha2g_jax.methods.adversarial import discriminate
-from ha2g_jax.methods.build import method_of
 from ha2g_jax.methods.ha2g.method import Terms, total
 from ha2g_jax.methods.method import example_batch, subtract_mean
 from ha2g_jax.skeleton import load_skeleton

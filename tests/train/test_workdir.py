@@ -16,7 +16,7 @@ from ha2g_jax.config import presets
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Vocabulary
-from ha2g_jax.methods.build import build
+from ha2g_jax.methods import build
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.train import fits, loop, run_record
 from ha2g_jax.train.workdir import LOCK, is_training, only_run

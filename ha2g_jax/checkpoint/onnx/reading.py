@@ -36,7 +36,7 @@ _DOMAINS = ("", "ai.onnx")
 _ATTRIBUTES = (1, 2, 3, 7)  # a number, a text or integers: FLOAT, INT, STRING, INTS of `onnx.AttributeProto`
 
 FORMAT = "ha2g-jax 1"
-MIN_FRAMES, MIN_FPS, MAX_FPS = 17, 15, 30  # those of `methods.build` and `config`, whose imports take long
+MIN_FRAMES, MIN_FPS, MAX_FPS = 17, 15, 30  # those of `config.settings`, whose import takes long
 _MAX_TEXT = 200
 _NUMBERS = ("num_frames", "num_seed_frames", "fps", "style_dim")
 _TEXTS = ("name", "method", "weights", "license")

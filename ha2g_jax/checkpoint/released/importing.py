@@ -22,7 +22,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.files.reading import shown
 from ha2g_jax.files.torch_archive import Inert, read_torch
-from ha2g_jax.methods.build import build, discriminator_shapes, generating_method_of, variable_shapes
+from ha2g_jax.methods import build, discriminator_shapes, generating_method_of, variable_shapes
 from ha2g_jax.methods.method import Spec
 from ha2g_jax.skeleton import Skeleton, load_skeleton, normalize
 

@@ -19,8 +19,8 @@ from ha2g_jax.config import settings as configs
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.spectrum import window_columns
 from ha2g_jax.features.text import Vocabulary
-from ha2g_jax.methods.build import build as build_spec
-from ha2g_jax.methods.build import variable_shapes
+from ha2g_jax.methods import build as build_spec
+from ha2g_jax.methods import variable_shapes
 from ha2g_jax.skeleton import load_skeleton, normalize
 from ha2g_jax.synthesis.scan import generate_window
 

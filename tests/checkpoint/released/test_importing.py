@@ -18,7 +18,7 @@ from ha2g_jax.evaluation.features import PoseFeatures
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.text import Word
 from ha2g_jax.files.torch_archive import Inert
-from ha2g_jax.methods.build import build, discriminator_shapes, variable_shapes
+from ha2g_jax.methods import build, discriminator_shapes, variable_shapes
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.synthesis import Style
 

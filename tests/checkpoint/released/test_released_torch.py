@@ -9,7 +9,7 @@ from ha2g_jax.checkpoint import loading
 from ha2g_jax.checkpoint.released.importing import import_weights, read_released
 from ha2g_jax.config import presets
 from ha2g_jax.files.torch_archive import read_torch
-from ha2g_jax.methods.build import generating_method_of
+from ha2g_jax.methods import generating_method_of
 from ha2g_jax.skeleton import load_skeleton
 
 pytestmark = [pytest.mark.torch, pytest.mark.filterwarnings("ignore:.*weight_norm.*:FutureWarning")]

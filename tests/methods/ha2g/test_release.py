@@ -9,7 +9,7 @@ import pytest
 
 from ha2g_jax.config import presets
 from ha2g_jax.errors import UserError
-from ha2g_jax.methods.build import build, discriminator_shapes, variable_shapes
+from ha2g_jax.methods import build, discriminator_shapes, variable_shapes
 from ha2g_jax.methods.ha2g import method as ha2g
 from ha2g_jax.methods.ha2g import release
 from ha2g_jax.skeleton import load_skeleton

@@ -14,7 +14,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.layers.resnet_se import AudioEncoder
 from ha2g_jax.layers.waveform import WaveformEncoder
-from ha2g_jax.methods.build import build, method_of
+from ha2g_jax.methods import build, method_of
 from ha2g_jax.methods.method import example_batch
 from ha2g_jax.skeleton import load_skeleton
 
