@@ -1,7 +1,6 @@
 """Compact encoding of motion and sound for a page."""
 
 import base64
-import fractions
 import io
 import zlib
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 import soxr
 
 from ha2g_jax.motion.armature import export_axes
+from ha2g_jax.motion.formats import video
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import Skeleton, normalize
 
@@ -94,11 +94,6 @@ def encode_sound(audio: np.ndarray, sample_rate: int) -> bytes:
     with av.open(file, "w", format="mp3", options={"fflags": "+bitexact", "id3v2_version": "0"}) as container:
         stream = container.add_stream("libmp3lame", rate=sample_rate, layout="mono")
         stream.bit_rate = _BIT_RATE
-        samples = np.clip(np.asarray(audio, np.float32), -1, 1)
-        for start in range(0, len(samples), sample_rate):
-            frame = av.AudioFrame.from_ndarray(samples[None, start : start + sample_rate], "fltp", "mono")
-            frame.sample_rate, frame.pts = sample_rate, start
-            frame.time_base = fractions.Fraction(1, sample_rate)
-            container.mux(stream.encode(frame))
-        container.mux(stream.encode(None))
+        for packets in video.encode_sound(stream, audio, sample_rate):
+            container.mux(packets)
     return file.getvalue()

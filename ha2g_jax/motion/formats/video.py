@@ -11,8 +11,8 @@ from typing import cast
 
 import av
 import numpy as np
+from av.audio.stream import AudioStream
 from av.codec.context import Flags
-from av.container import OutputContainer
 from av.video.codeccontext import VideoCodecContext
 from av.video.reformatter import ColorRange
 from tqdm import tqdm
@@ -89,7 +89,9 @@ def write_video(
     ):
         video = container.add_stream("libx264", rate=VIDEO_FPS, options=_ENCODER)
         _set_up(video.codec_context, width, height)
-        sound = iter(()) if audio is None else _sound(container, audio, sample_rate)
+        sound: Iterator[list[av.Packet]] = iter(())
+        if audio is not None:
+            sound = encode_sound(container.add_stream("aac", rate=sample_rate, layout="mono"), audio, sample_rate)
         try:
             for packets in executor.map(encode, range(0, frames, _PIECE)):
                 for packet in packets:
@@ -161,18 +163,13 @@ def _planes(picture: av.VideoFrame) -> list[np.ndarray]:
     ]
 
 
-def _sound(container: OutputContainer, audio: np.ndarray, sample_rate: int) -> Iterator[list[av.Packet]]:
-    """Add a track of sound to a container at once and return an iterator over its packets, second by second."""
-    stream = container.add_stream("aac", rate=sample_rate, layout="mono")
+def encode_sound(stream: AudioStream, audio: np.ndarray, sample_rate: int) -> Iterator[list[av.Packet]]:
+    """Yield the packets of mono sound (samples,), second by second."""
     samples = np.clip(np.asarray(audio, np.float32), -1, 1)
-
-    def packets() -> Iterator[list[av.Packet]]:
-        for second in range(0, len(samples), sample_rate):
-            block = samples[None, second : second + sample_rate]
-            frame = av.AudioFrame.from_ndarray(block, format="fltp", layout="mono")
-            frame.sample_rate, frame.pts = sample_rate, second
-            frame.time_base = fractions.Fraction(1, sample_rate)
-            yield stream.encode(frame)
-        yield stream.encode(None)
-
-    return packets()
+    for second in range(0, len(samples), sample_rate):
+        block = samples[None, second : second + sample_rate]
+        frame = av.AudioFrame.from_ndarray(block, format="fltp", layout="mono")
+        frame.sample_rate, frame.pts = sample_rate, second
+        frame.time_base = fractions.Fraction(1, sample_rate)
+        yield stream.encode(frame)
+    yield stream.encode(None)
