@@ -73,8 +73,7 @@ def from_corpus(
             clip.
 
     Raises:
-        UserError: the model does not fit the corpus, there is no such split, it has no clip, or the model cannot follow
-            a stream.
+        UserError: see `generated`.
     """
     truth = true(corpus, split, seed=seed, limit=limit, with_audio=with_audio)
     return generated(model, corpus, split, seed=seed, limit=limit, look_ahead=look_ahead), truth

@@ -59,10 +59,9 @@ class Intervals:
 
     def __call__(self, score: Score) -> dict[str, float | None]:
         """Return {"value", "low", "high"} of a score, None where undefined; a number has no bounds."""
-        return self.of_statistic(score) if callable(score) else score_as_json(score)
-
-    def of_statistic(self, statistic: Statistic) -> dict[str, float | None]:
-        return _as_json(bootstrap(statistic, self._num_recordings, draws=self._draws, seed=self._seed, level=LEVEL))
+        if not callable(score):
+            return score_as_json(score)
+        return _as_json(bootstrap(score, self._num_recordings, draws=self._draws, seed=self._seed, level=LEVEL))
 
 
 # A bootstrap decomposes thousands of small matrices, at which the threads of a linear algebra library only wait for
@@ -114,11 +113,12 @@ def evaluate(
     found, scores = _measure_rows(made, intervals, has_legacy=legacy)
     results: dict[str, dict[str, Any]] = {name: {} for name in (*rows, *SANITY_ROWS)} | found["rows"]
     results[HALF] = _halves(made.truth)
+    paired = [name for name, metric in metrics.of_section("rows").items() if metric.is_paired]
     encoded = made.truth.once(row_latents)
     section = {
         "methods": list(rows),
         "rows": results,
-        "differences": differences({name: scores[name] for name in rows}, intervals, _paired()),
+        "differences": differences({name: scores[name] for name in rows}, intervals, paired),
         "counts": found["counts"],
         "data": {
             "clips": len(made.ids),
@@ -130,7 +130,7 @@ def evaluate(
         },
         "settings": _settings(seed, draws, made.reference.fps, has_training=training is not None),
         "autoencoder": _describe(made.truth, autoencoder),
-        "flags": _flags(results, list(rows)),
+        "flags": [*won_metrics(results), *beat_rates(results, list(rows))],
         "warnings": [*_few_recordings(made), *_latent_warnings(made.truth, autoencoder)],
         "notes": [*notes, *made.notes, *_silence(made), *_latent_notes(made.truth, autoencoder)],
     }
@@ -181,14 +181,10 @@ def differences(
     (first, base), *others = scores.items()
     return {
         f"{name} - {first}": {
-            key: intervals.of_statistic(_difference(own[key], base[key])) for key in names if key in own and key in base
+            key: intervals(_difference(own[key], base[key])) for key in names if key in own and key in base
         }
         for name, own in others
     }
-
-
-def _paired() -> list[str]:
-    return [name for name, metric in metrics.of_section("rows").items() if metric.is_paired]
 
 
 def _difference(first: Any, second: Any) -> Statistic:
@@ -247,12 +243,7 @@ def _settings(seed: int, draws: int, fps: float, *, has_training: bool) -> dict[
     }
 
 
-def _flags(rows: Mapping[str, Mapping[str, Any]], methods: Sequence[str]) -> list[str]:
-    """Return the flags as sentences: metrics that a sanity row wins, and methods with too many or too few beats."""
-    return [*_won_metrics(rows), *_beat_rates(rows, methods)]
-
-
-def _won_metrics(rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
+def won_metrics(rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
     """Return a sentence for each metric in which a sanity row goes further in the "better" direction than truth."""
     sentences = []
     for key, metric in metrics.of_section("rows").items():
@@ -274,7 +265,8 @@ def _won_metrics(rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
     return sentences
 
 
-def _beat_rates(rows: Mapping[str, Mapping[str, Any]], methods: Sequence[str]) -> list[str]:
+def beat_rates(rows: Mapping[str, Mapping[str, Any]], methods: Sequence[str]) -> list[str]:
+    """Return a sentence for each method that has far more or far fewer motion beats than ground truth."""
     true = _value(rows[TRUTH], "beats_per_second")
     sentences = []
     for name in methods:

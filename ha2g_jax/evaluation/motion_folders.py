@@ -110,8 +110,7 @@ def from_folders(
     Raises:
         UserError: a folder holds no motion, the names do not meet, or a file cannot be used.
     """
-    found = {pathlib.Path(folder): find_motions(pathlib.Path(folder)) for folder in (motion, reference)}
-    motions, references = found[pathlib.Path(motion)], found[pathlib.Path(reference)]
+    motions, references = find_motions(pathlib.Path(motion)), find_motions(pathlib.Path(reference))
     clips = {name: clip for name in sorted(motions) if (clip := clip_of(name, references)) is not None}
     if not clips:
         raise UserError(
@@ -131,16 +130,8 @@ def from_folders(
     options = {"skeleton": skeleton, "joint_map": joint_map, "source_fps": source_fps, "with_audio": with_audio}
     processes = min(os.cpu_count() or 1, 1 + len(pairs) // _PAIRS_PER_PROCESS)
     with parallel_map(processes, _DIED) as each:
-        read = list(
-            tqdm(
-                each(functools.partial(_read, **options), pairs),
-                "reading",
-                len(pairs),
-                unit="clip",
-                disable=None,
-                leave=False,
-            )
-        )
+        found = each(functools.partial(_read, **options), pairs)
+        read = list(tqdm(found, "reading", len(pairs), unit="clip", disable=None, leave=False))
     once = {pair.reference.id: pair for pair in read}
     left_out = {"motion": len(motions) - len(clips), "reference": len(references) - len(once)}
     notes = _notes(read, list(once.values()), left_out)
@@ -275,10 +266,8 @@ def score_beat2(
     several motions for one sequence the first is scored.
 
     Args:
-        read: what `motion_folders.from_folders` read, by the name of the method.
+        read: what `from_folders` read, by the name of the method.
         body_model: path of an SMPL-X body model (.npz), as the papers use; None for the neutral template.
-        source_fps: frames per second of files that do not say it.
-        seed: seed of the bootstrap and of the pairs of mismatched speech.
 
     Returns:
         {"rows": {row: {metric: {"value", "low", "high"}}}, "notes"}; rows are the methods, their paired differences

@@ -48,15 +48,10 @@ def evaluate_folders(
 
     Args:
         motion: folder of the motion of a system, or several, which are scored on the clips that all of them have.
-        reference: folder of the true motion; see `motion_folders.from_folders`.
+        reference: folder of the true motion; see `motion_folders.from_folders` for it, the joint map and `source_fps`.
         autoencoder: workdir or folder of a pose auto-encoder, for FGD and diversity.
-        legacy: whether to add the legacy scores.
         skeleton: "ted_expressive" or "ted_gesture"; by default that of the auto-encoder, or else of the files.
-        joint_map: names of the joints, see `motion.readers.read_motion`.
-        source_fps: frames per second of files that do not say it.
-        protocol: "beat2" to add the scores of `score_beat2`, for SMPL-X motion.
-        body_model: path of an SMPL-X body model (.npz) for the protocol.
-        seed: seed of everything random.
+        protocol: "beat2" to add the scores of `score_beat2`, for SMPL-X motion, with its body model.
 
     Returns:
         As `make_results`, with one section under the name of the reference folder; the rows of the motion have the
@@ -79,10 +74,9 @@ def evaluate_folders(
         options = {"joint_map": joint_map, "source_fps": source_fps, "with_audio": legacy}
         read[name] = from_folders(folder, reference, skeleton=skeleton, **options)
         skeleton = read[name].skeleton.name
+    of_protocol = {}
     if protocol is not None:  # before the other scores, which take longer than to find that the files do not fit
-        of_protocol = {"beat2": score_beat2(read, body_model=body_model, source_fps=source_fps, seed=seed)}
-    else:
-        of_protocol = {}
+        of_protocol["beat2"] = score_beat2(read, body_model=body_model, source_fps=source_fps, seed=seed)
     truth = {clip.id: clip for each in read.values() for clip in each.reference}
     section = evaluate(
         {name: each.motion for name, each in read.items()},
@@ -117,10 +111,8 @@ def evaluate_checkpoint(
         splits: splits to score; by default those of `TEST_SPLITS` that have a clip, or else "val". Of the training
             split as many clips are scored as the largest other split has.
         autoencoder: workdir or folder of a pose auto-encoder, for FGD and diversity.
-        legacy: whether to add the legacy scores.
         limit: greatest number of clips of each split, drawn at random; all by default.
         look_ahead: frames of speech that are heard beyond each frame, as in a stream; by default the whole clip.
-        seed: seed of everything random.
 
     Returns:
         As `make_results`, with one section for each split; the row of the checkpoint is called "model". On a corpus
@@ -183,9 +175,7 @@ def evaluate_recording(
 
     Args:
         checkpoint: "demo", a workdir or a model folder.
-        speech: file with sound.
         speaker: speaker of the model for the style; drawn with `seed` by default.
-        seed: seed of the style and the start pose.
 
     Returns:
         As `make_results`, with one section under the name of the file. It has no "rows", which need true motion: the

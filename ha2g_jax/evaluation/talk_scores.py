@@ -143,7 +143,6 @@ def rows_with_chance(trials: Sequence[Trial], fps: float, first_frame: int, seed
 
     Args:
         trials: motion of each clip, scored against its own clip.
-        first_frame: first frame that is scored.
         seed: seed of the choice of the other clips.
 
     Returns:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.evaluation.evaluate import _flags, compare, evaluate
+from ha2g_jax.evaluation.evaluate import beat_rates, compare, evaluate, won_metrics
 from ha2g_jax.evaluation.rows import make_rows
 from ha2g_jax.metrics import frechet
 from ha2g_jax.metrics.frechet import RecordingMoments
@@ -140,9 +140,9 @@ def test_differences_of_two_methods_are_paired(results):
 
 def test_a_metric_that_a_sanity_row_wins_is_flagged(results):
     rows = {name: {"beat_f": {"value": 0.5}} for name in results["rows"]}
-    assert not _flags(rows, ["late"])
+    assert not won_metrics(rows)
     rows[JITTER] = {"beat_f": {"value": 0.6}}
-    (flag,) = _flags(rows, ["late"])
+    (flag,) = won_metrics(rows)
     assert "white jitter (0.600) higher than ground truth (0.500)" in flag
     assert any("white jitter" in flag and "BEAT alignment" in flag for flag in results["flags"])
 
@@ -151,7 +151,7 @@ def test_beats_far_too_often_are_flagged():
     rows = {name: {"beats_per_second": {"value": 1.0}} for name in ("busy", "fine", *SANITY_ROWS)}
     rows["busy"] = {"beats_per_second": {"value": 1.31}, "jerk_ratio": {"value": 4.6}}
     rows["lazy"] = {"beats_per_second": {"value": 0.49}}
-    assert _flags(rows, ["busy", "fine", "lazy"]) == [
+    assert beat_rates(rows, ["busy", "fine", "lazy"]) == [
         "busy: 1.31 beats/s, ground truth 1.00, and 4.6 times its jerk: its F and BC are those of dense beats",
         "lazy: 0.49 beats/s, ground truth 1.00: far fewer, whatever the F",
     ]
