@@ -1,7 +1,7 @@
 """Reproduce a table of the paper: train the missing runs, evaluate them, and write the paper's numbers beside ours.
 
     python experiments/reproduce.py table1 --data talk --size small --seeds 3
-    python experiments/reproduce.py table3 --data ted_expressive --path corpora/ted
+    python experiments/reproduce.py table3 --data ted_expressive:corpora/ted
     python experiments/reproduce.py table1 --data talk --size debug          # a quick test that everything runs
 
 TABLE is table1, table3, table4, table11, table12, figure3 or gesture_ablation. Each row and seed is a run of its own in
@@ -214,7 +214,7 @@ def _table_10(found: dict[str, Any]) -> tuple[str, list[Sequence[str]], str]:
 
 
 def _request(arguments: argparse.Namespace) -> Request:
-    data, path = parse_data(arguments.data, arguments.path)
+    data, path = parse_data(arguments.data)
     return Request(
         table=arguments.table,
         data=data,
@@ -236,8 +236,7 @@ def _parser() -> argparse.ArgumentParser:
     add, names = parser.add_argument, (*TABLES, *CORPUS_TABLES)
     add("table", choices=names, metavar="TABLE", help=", ".join(names))
     add_options(parser, "WORKDIR/DATA-SIZE/TABLE.md")
-    add("--data", required=True, metavar="NAME[:DIR]", help=f"one of {', '.join(presets.DATA)}")
-    add("--path", default="", metavar="DIR", help="folder of the corpus; Talk is made on first use")
+    add("--data", required=True, metavar="NAME[:DIR]", help=f"one of {', '.join(presets.DATA)}, and the folder")
     add("--keep", type=pathlib.Path, metavar="DIR", help="add each finished run to the table DIR/scores.jsonl")
     add("--legacy", action="store_true", help="add the scores by the rules of the public release")
     help_text = "change of a setting for all rows, such as train.steps=3000; may be given again"

@@ -266,18 +266,16 @@ def parse_changes(texts: Sequence[str]) -> dict[str, Any]:
     return changes
 
 
-def parse_data(text: str, path: str = "") -> tuple[str, str]:
+def parse_data(text: str) -> tuple[str, str]:
     """Parse NAME or NAME:DIR of a data set; return its name and the folder, "" without one.
 
     Raises:
-        UserError: there is no such data set, or two folders are given.
+        UserError: there is no such data set.
     """
     data, _, folder = text.partition(":")
-    if folder and path:
-        raise UserError(f"--data names the folder {folder} and --path {path}; give one of them")
     if data not in presets.DATA:
         raise UserError(f"no data {data!r}; expected one of {', '.join(presets.DATA)}")
-    return data, folder or path
+    return data, folder
 
 
 def corpus_path(request: Request) -> pathlib.Path:
@@ -289,7 +287,7 @@ def corpus_path(request: Request) -> pathlib.Path:
     if request.path:
         return pathlib.Path(request.path).resolve()
     if request.data != "talk":
-        raise UserError(f"--data {request.data} needs the folder of a corpus: add --path DIR (docs/data.md)")
+        raise UserError(f"--data {request.data} needs the folder of a corpus: --data {request.data}:DIR (docs/data.md)")
     if request.size != "debug":
         return build.talk_path("talk").resolve()
     path = request.workdir.resolve() / "talk-debug-corpus"

@@ -141,12 +141,6 @@ def test_three_passes_give_the_same_terms_and_change_both_networks(torch, torch_
     assert not any(torch.equal(a, b) for a, b in zip(before, after, strict=True))
 
 
-def test_refuses_a_config_that_it_has_no_step_for(torch_peer, config):
-    config.train.dtype = "bfloat16"
-    with pytest.raises(UserError, match=r"config.train.dtype is bfloat16; the PyTorch step has float32 only"):
-        torch_peer.check(config)
-
-
 def test_a_process_runs_its_steps_and_says_when_it_has_ended(torch_peer, config):
     config.train.batch_size = 2
     process = torch_peer.TorchProcess(config, [torch_peer.Choice(1, False), torch_peer.Choice(3, False)], 1)

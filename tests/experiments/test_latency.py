@@ -146,28 +146,3 @@ def test_only_finished_runs_are_scored_without_training(request_, tmp_path):
     assert (tmp_path / "page.md").read_text().count("not trained") == 4
     with pytest.raises(UserError, match="no clips in the split tset"):
         command.study_latency(request._replace(split="tset"), tmp_path / "page.md", "the command", Stop(), _perform)
-
-
-def test_the_settings_differ_in_hidden_ends_alone(request_):
-    hidden, whole = (runs[0] for runs in plan_settings(request_).rows.values())
-    assert hidden.config.data.lookahead == 0.5 and whole.config.data.lookahead == 0
-    values = json.loads(hidden.config.to_json())
-    values["data"]["lookahead"] = 0.0
-    assert values == json.loads(whole.config.to_json())
-
-
-def test_flags_become_a_request(monkeypatch, tmp_path, capsys):
-    calls = []
-    monkeypatch.setattr(command, "study_latency", lambda *arguments: calls.append(arguments) or False)
-    argv = ["--data", "talk:corpora/x", "--size", "debug", "--seeds", "4,6", "--workdir", str(tmp_path), "--no-train"]
-    assert command.main([*argv, "--jobs", "2", "--split", "val"]) == 1
-    ((request, out, line, *_),) = calls
-    assert (request.data, request.size, request.path, request.seeds) == ("talk", "debug", "corpora/x", (4, 6))
-    assert (request.workdir, request.jobs, request.has_training, request.split) == (tmp_path, 2, False, "val")
-    assert out == tmp_path / "talk-debug" / "latency.md" and capsys.readouterr().out == f"{out}\n"
-    assert line.startswith("python experiments/latency.py --data talk:corpora/x --size debug")
-
-
-def test_only_talk_knows_causes(capsys):
-    assert command.main(["--data", "bvh:a"]) == 2
-    assert "known on talk only" in capsys.readouterr().err

@@ -24,8 +24,6 @@ workdir = pathlib.Path(arguments[arguments.index("--workdir") + 1])
 config = launch.load_config(arguments[1], arguments[4:])
 if config.seed == 13:
     sys.exit("ha2g: an unlucky number")
-if config.seed == 14:
-    sys.exit(0)
 workdir.mkdir()
 score = config.train.learning_rate + config.seed
 lines = [{"step": 1, "validation/loss/huber": 9.0}, {"step": 2, "validation/loss/huber": score}, {"step": 2}]
@@ -59,22 +57,13 @@ def test_the_grid_is_a_product_with_readable_names(tmp_path):
     assert {run.config.train.steps for run in runs} == {7}
 
 
-def test_settings_of_one_name_are_told_apart(tmp_path):
-    (run,) = plan_grid(CONFIG, tmp_path, ["model.text.layers=2", "model.inferer.layers=1"])
-    assert run.name == "model.text.layers=2,model.inferer.layers=1"
-
-
 @pytest.mark.parametrize(
     ("grids", "named"),
     [
         (["train.batch_sise=1,2"], "batch_size"),
-        (["seed=0,1", "train.steps=5,many"], "many"),
         (["seed"], "--grid seed is not KEY=VALUE"),
-        (["seed=0", "seed=1"], "a key of its own"),
         (["seed=0,1,0"], "give every value once"),
         (["train.betas=(0.5,0.9"], "close the brackets"),
-        (["train.betas=0.5)"], "close the brackets"),
-        (["seed=0,,1"], "leave none empty"),
     ],
 )
 def test_a_grid_that_cannot_be_used_starts_nothing(stub, tmp_path, capsys, grids, named):
@@ -82,11 +71,6 @@ def test_a_grid_that_cannot_be_used_starts_nothing(stub, tmp_path, capsys, grids
     printed = capsys.readouterr().err
     assert named in printed and printed.count("\n") == 1
     assert not (tmp_path / "runs").exists()
-
-
-def test_a_workdir_that_is_a_file_is_named(stub, tmp_path, capsys):
-    assert sweep.main(_flags(stub[1], "seed=1"), stub) == 2
-    assert "stub.py (file exists); choose another --workdir" in capsys.readouterr().err
 
 
 def test_the_list_serves_a_slurm_array(tmp_path, capsys):
@@ -129,11 +113,6 @@ def test_a_sweep_reports_failures_and_means_over_seeds(stub, tmp_path, capsys):
     assert first["standard_deviation"]["loss/huber"] == pytest.approx(2**0.5)
 
 
-def test_a_run_that_ends_early_is_not_finished(stub, tmp_path, capsys):
-    assert sweep.main(_flags(tmp_path / "runs", "seed=14"), stub) == 1
-    assert "failed: it ended before step 2; see " in capsys.readouterr().err
-
-
 def test_what_is_finished_is_not_trained_again(stub, tmp_path):
     flags = _flags(tmp_path / "runs", "seed=1,2")
     assert sweep.main(flags, stub) == 0
@@ -169,10 +148,3 @@ def test_a_stop_reaches_the_run_and_ends_the_sweep(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "seed=1  0 (unfinished)" in printed and not (tmp_path / "runs" / "seed=2.log").exists()
     assert (tmp_path / "runs" / "seed=1.log").read_text() == "saved\n"
-
-
-def test_tables_keep_columns_apart_where_scores_are_missing():
-    runs = [{"name": "seed=0", "settings": {}, "finished": False, "step": 0, "validation": {}}]
-    runs += [{"name": "seed=1", "settings": {}, "finished": True, "step": 2, "validation": {"a": 1.0, "b": 2.0}}]
-    table = sweep.as_table({"runs": runs, "groups": []})
-    assert [line.split()[-2:] for line in table.splitlines()] == [["a", "b"], ["-", "-"], ["1", "2"]]

@@ -56,11 +56,6 @@ def test_what_the_seeds_share_cancels():
     assert _verdict(row, reference).verdict == HELD
 
 
-def test_a_difference_within_chance_decides_nothing():
-    assert _verdict({0: 1.0, 1: 2.0, 2: 3.0}, {0: 2.0, 1: 1.0, 2: 2.5}).verdict == UNDECIDED
-    assert _verdict({0: 1.0, 1: 1.0}, {0: 1.0, 1: 1.0}).verdict == UNDECIDED
-
-
 def test_one_seed_decides_nothing():
     verdict = _verdict({0: 9.0}, {0: 1.0})
     assert verdict.verdict == UNDECIDED and verdict.difference == (8.0, None, None, 1) and verdict.p_value is None

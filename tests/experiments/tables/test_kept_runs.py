@@ -92,9 +92,3 @@ def test_two_trainings_of_a_run_and_two_kinds_of_scores_are_not_mixed(request_, 
     (keep / FILE).write_text(before.replace("abc", "another commit"))
     with pytest.raises(UserError, match="another training of"):
         run_study(request, FakeRuns(), keep=keep)
-
-
-def test_keeping_needs_runs(request_, tmp_path):
-    with pytest.raises(UserError, match="leave out --keep"):
-        run_study(request_._replace(table="table5"), FakeRuns(), keep=tmp_path / "kept")
-    assert not (tmp_path / "kept").exists()

@@ -159,12 +159,6 @@ def test_remarks_are_of_what_is_shown():
     assert "R: white jitter" not in texts and "too dense or too rare: Attention Seq2Seq, " in _page()
 
 
-def test_caveats_are_absent_without_cause():
-    text = " ".join(caveats(_results(data="ted_gesture", size="paper")))
-    for sentence in ("testbed", "size", "too few", "Budgets", "no scores", "unfinished"):
-        assert sentence not in text.replace("not the size with", "")
-
-
 def test_failures_and_missing_rows_leave_the_rest():
     results = _results()
     without = {

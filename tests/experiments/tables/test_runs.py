@@ -2,19 +2,16 @@
 
 import json
 import os
-import re
 import signal
 import sys
 import threading
 import time
-from types import SimpleNamespace
-from typing import Any
 
 import pytest
 from tables import runs
 from tables.plan import Request
-from tables.runs import Stop, duration, perform_in_process
-from tables.workdirs import Run, last_step
+from tables.runs import Stop, perform_in_process
+from tables.workdirs import Run
 
 from ha2g_jax.errors import UserError
 
@@ -89,37 +86,3 @@ def test_processes_at_once_share_an_accelerator_and_the_threads_of_numpy(tmp_pat
     assert (found["XLA_PYTHON_CLIENT_MEM_FRACTION"], found[threads]) == ("0.30", "4")
     assert runs._environment(_request(tmp_path, jobs=2), 4, {threads: "1"})[threads] == "1"
     assert threads not in runs._environment(_request(tmp_path, jobs=1), 0, {})
-
-
-def test_the_last_step_is_read_from_whole_lines(run):
-    assert last_step(run) == 0
-    run.workdir.mkdir()
-    path = run.workdir / "metrics.jsonl"
-    path.write_text("".join(json.dumps({"step": step, "loss": "x" * 50}) + "\n" for step in range(300)) + '{"step": 30')
-    assert last_step(run) == 299
-    path.write_text('{"step": 1')
-    assert last_step(run) == 0
-
-
-def test_a_run_that_repeats_steps_leaves_a_positive_time(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(runs, "_LOOK_EVERY", 0.01)
-    config: Any = SimpleNamespace(train=SimpleNamespace(steps=100))
-    repeating, scored = (Run(name, 0, config, tmp_path / name) for name in ("repeating", "scored"))
-    _write_step(repeating, 60)
-    _write_step(scored, 100)
-
-    def perform(run, worker, stop):
-        _write_step(run, 50 if run is repeating else 100)
-        time.sleep(0.3 if run is scored else 0.6)
-
-    assert not runs.run_all([repeating, scored], perform, Stop(), "runs", 2)
-    assert re.search(r"\[1/2\] scored: finished in \d s; about \d s left\n", capsys.readouterr().err)
-
-
-def _write_step(run, step):
-    run.workdir.mkdir(exist_ok=True)
-    (run.workdir / "metrics.jsonl").write_text(json.dumps({"step": step}) + "\n")
-
-
-def test_durations_are_readable():
-    assert [duration(x) for x in (41.2, 725, 12000)] == ["41 s", "12 min", "3 h 20 min"]
