@@ -54,3 +54,12 @@ def free_port():
             return found.getsockname()[1]
 
     return free_port
+
+
+@pytest.fixture
+def receiver():
+    """A UDP socket that is bound, and its port."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as bound:
+        bound.bind(("127.0.0.1", 0))
+        bound.settimeout(5)
+        yield bound, bound.getsockname()[1]

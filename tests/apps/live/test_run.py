@@ -3,7 +3,6 @@
 import json
 import os
 import signal
-import socket
 import threading
 import time
 
@@ -45,15 +44,12 @@ def test_a_recording_has_all_frames_and_says_how_they_were_made(live, speech, tm
     assert "ha2g live: 0.8 s heard, 11 frames" in captured.err
 
 
-def test_in_real_time_frames_arrive_after_the_latency_and_the_motion_is_the_same(live, speech, tmp_path):
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as bound:
-        bound.bind(("127.0.0.1", 0))
-        bound.settimeout(5)
-        sink = f"udp://127.0.0.1:{bound.getsockname()[1]}"
-        started = time.monotonic()
-        assert live("--source", speech, "--sink", sink, "--sink", tmp_path / "a.npz", "--rig", "unity") == 0
-        assert time.monotonic() - started > 0.75
-        messages = [json.loads(bound.recv(65_536)) for _ in range(12)]
+def test_in_real_time_frames_arrive_after_the_latency_and_the_motion_is_the_same(live, receiver, speech, tmp_path):
+    (bound, port), started = receiver, time.monotonic()
+    sinks = ("--sink", f"udp://127.0.0.1:{port}", "--sink", tmp_path / "a.npz")
+    assert live("--source", speech, *sinks, "--rig", "unity") == 0
+    assert time.monotonic() - started > 0.75
+    messages = [json.loads(bound.recv(65_536)) for _ in range(12)]
     assert [message["frame"] for message in messages[1:]] == list(range(11))
     assert live("--source", speech, "--fast", "--sink", tmp_path / "b.npz") == 0
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()

@@ -39,13 +39,10 @@ def check_message(message, frame, rig):
 
 
 @pytest.mark.parametrize("rig", ["ha2g", "mixamo", "smplx", "unity", "unreal", "vrm"])
-def test_datagrams_are_the_joints_once_a_second_and_every_frame(make_frames, rig):
-    frames = make_frames(17, rig)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as bound, contextlib.ExitStack() as stack:
-        bound.bind(("127.0.0.1", 0))
-        bound.settimeout(5)
-        (sink,) = open_sinks([f"udp://127.0.0.1:{bound.getsockname()[1]}"], stack, rig).senders
-        received = []
+def test_datagrams_are_the_joints_once_a_second_and_every_frame(make_frames, receiver, rig):
+    frames, (bound, port), received = make_frames(17, rig), receiver, []
+    with contextlib.ExitStack() as stack:
+        (sink,) = open_sinks([f"udp://127.0.0.1:{port}"], stack, rig).senders
         for frame in frames:
             sink.send(frame)
             for _ in range(2 if frame.number % 15 == 0 else 1):
@@ -202,33 +199,13 @@ def check_joints(bones, frame):
     return found
 
 
-@pytest.fixture
-def receiver(free_port):
-    """A UDP socket, and a sink that sends to it."""
-    port = free_port(socket.SOCK_DGRAM)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as bound:
-        bound.bind(("127.0.0.1", port))
-        bound.settimeout(0.5)
-        sink = VmcSink(read_address(f"vmc://127.0.0.1:{port}"))
-        yield bound, sink
-        sink.close()
-
-
-def receive_all(bound):
-    datagrams = []
-    try:
-        while not datagrams or b"RightToes" not in datagrams[-1]:
-            datagrams.append(bound.recv(65_536))
-    except TimeoutError:
-        pass
-    return datagrams
-
-
 def test_the_messages_are_those_of_the_protocol(receiver, make_frames):
-    bound, sink = receiver
-    frame = make_frames(3, "unity")[2]
-    sink.send(frame)
-    datagrams = receive_all(bound)
+    frame, (bound, port) = make_frames(3, "unity")[2], receiver
+    with contextlib.closing(VmcSink(read_address(f"vmc://127.0.0.1:{port}"))) as sink:
+        sink.send(frame)
+    datagrams = [bound.recv(65_536)]
+    while b"RightToes" not in datagrams[-1]:
+        datagrams.append(bound.recv(65_536))
     assert max(map(len, datagrams)) <= MAX_DATAGRAM
     found = []
     handlers = dispatcher.Dispatcher()
@@ -256,9 +233,8 @@ def test_the_joints_of_a_receiver_are_ours_to_a_millimetre(make_frames, free_por
     with subprocess.Popen([sys.executable, str(script), str(port)], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "ready\n"
-        sink = VmcSink(read_address(f"vmc://127.0.0.1:{port}"))
-        sink.send(frame)
-        sink.close()
+        with contextlib.closing(VmcSink(read_address(f"vmc://127.0.0.1:{port}"))) as sink:
+            sink.send(frame)
         bones = json.loads(process.stdout.readline())
     assert set(bones) == {*PARENTS, "root"}
     check_joints(bones, frame)
