@@ -1,6 +1,5 @@
 """The process: how it begins, what it does when it is full, and how it ends."""
 
-import contextlib
 import os
 import signal
 import socket
@@ -76,10 +75,8 @@ def test_sigterm_lets_a_request_and_a_stream_finish(debug_folder):
     """In a process of its own: no further connection is taken, what runs is answered, and the exit code is 0."""
     with command(debug_folder) as (process, client):
         form = b'--x\r\nContent-Disposition: form-data; name="speech"; filename="a"\r\n\r\n' + wav(1) + b"\r\n--x--\r\n"
-        head = f"Content-Length: {len(form)}\r\nContent-Type: multipart/form-data; boundary=x\r\n\r\n"
-        with client.stream() as websocket, socket.create_connection(("127.0.0.1", client.port), timeout=20) as upload:
+        with client.stream() as websocket, client.begin_upload(form[:1000], len(form)) as upload:
             begin(websocket)
-            upload.sendall(f"POST /v1/motion HTTP/1.1\r\nHost: localhost\r\n{head}".encode() + form[:1000])
             while "ha2g_requests_running 1.0" not in client.ask("GET", "/metrics").body.decode():
                 time.sleep(0.01)
             process.send_signal(signal.SIGTERM)
@@ -115,12 +112,12 @@ def test_ctrl_c_ends_while_a_motion_is_computed(monkeypatch):
 
 
 def test_after_the_grace_what_still_runs_is_ended(debug_model):
-    with running(debug_model, grace=0.0) as client, contextlib.ExitStack() as stack:
-        websocket = stack.enter_context(client.stream())
+    with (
+        running(debug_model, grace=0.0) as client,
+        client.stream() as websocket,
+        client.begin_upload(b"", 100) as upload,
+    ):
         begin(websocket)
-        upload = stack.enter_context(socket.create_connection(("127.0.0.1", client.port), timeout=20))
-        head = "Content-Length: 100\r\nContent-Type: multipart/form-data; boundary=x\r\n\r\n"
-        upload.sendall(f"POST /v1/motion HTTP/1.1\r\nHost: localhost\r\n{head}".encode())
         while not client.service.motions.taken:
             time.sleep(0.01)
         client.server.should_exit = True
