@@ -5,7 +5,6 @@ The check takes neither a model nor the body model.
 
 import hashlib
 import json
-import os
 import pathlib
 import re
 import tempfile
@@ -30,7 +29,7 @@ from ha2g_jax.apps.genea.sample import (
     Source,
     read_shapes,
 )
-from ha2g_jax.apps.generate import find_speech
+from ha2g_jax.apps.generate import find_speech, load
 from ha2g_jax.data.validation import Verdict
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.motion_folders import MANIFEST
@@ -50,8 +49,6 @@ FORMAT = "ha2g-genea 1"
 SAMPLES = 5  # that the rules ask for of a system with randomness
 ZIP = ".zip"
 
-Path = str | os.PathLike
-
 _FILE = re.compile(r"sample_([1-9][0-9]?)/([^/]+)\.npz")
 _EXPECTED = "a pack of ha2g genea: a folder or a .zip"
 _GENDERS = ("neutral", "female", "male")
@@ -59,16 +56,16 @@ _MAX_FILES = 100_000
 
 
 def write_pack(
-    speech: Path,
-    out: Path,
+    speech: pathlib.Path,
+    out: pathlib.Path,
     *,
     checkpoint: str | pathlib.Path = "demo",
-    motion: Path | None = None,
+    motion: pathlib.Path | None = None,
     samples: int | None = None,
     seed: int = 0,
     style: Style = RANDOM,
-    shapes: Path | None = None,
-    body_model: Path | None = None,
+    shapes: pathlib.Path | None = None,
+    body_model: pathlib.Path | None = None,
     joint_map: str = joint_maps.AUTO,
     source_fps: float | None = None,
 ) -> pathlib.Path:
@@ -93,18 +90,14 @@ def write_pack(
     Raises:
         UserError: `out` exists, a file cannot be used, names do not meet, or the pack cannot be written.
     """
-    out = pathlib.Path(out)
     check_new(out)
-    paths = _by_name(find_speech([pathlib.Path(speech)]))
-    shape_of = {} if shapes is None else read_shapes(pathlib.Path(shapes), list(paths))
+    paths = _by_name(find_speech([speech]))
+    shape_of = {} if shapes is None else read_shapes(shapes, list(paths))
     body = None if body_model is None else read_body_model(body_model)
     source: Source
     if motion is not None:
-        reading = {"joint_map": joint_map, "source_fps": source_fps}
-        source = FromFiles(pathlib.Path(motion), list(paths), samples, body, **reading)
+        source = FromFiles(motion, list(paths), samples, body, joint_map=joint_map, source_fps=source_fps)
     else:
-        from ha2g_jax.apps.generate import load
-
         with stage("loading the model"):
             model = load(checkpoint)
         source = FromModel(model, samples or SAMPLES, seed, style, body)
@@ -169,7 +162,7 @@ class _File(NamedTuple):
     sha256: str
 
 
-def check_pack(pack: str | os.PathLike, speech: str | os.PathLike | None = None) -> Verdict:
+def check_pack(pack: pathlib.Path, speech: pathlib.Path | None = None) -> Verdict:
     """Check the names, arrays, frame rates, axes, lengths, numbers of samples and hashes of a pack of any system.
 
     Args:
@@ -182,7 +175,6 @@ def check_pack(pack: str | os.PathLike, speech: str | os.PathLike | None = None)
     Raises:
         UserError: there is no pack.
     """
-    pack = pathlib.Path(pack)
     if pack.is_dir():
         paths = {path.relative_to(pack).as_posix(): path for path in sorted(pack.rglob("*")) if path.is_file()}
         return _check(paths, paths.__getitem__, speech)
@@ -208,7 +200,7 @@ def check_pack(pack: str | os.PathLike, speech: str | os.PathLike | None = None)
         return _check(names, unpacked, speech)
 
 
-def _check(names: Collection[str], path_of: Callable[[str], pathlib.Path], speech: str | os.PathLike | None) -> Verdict:
+def _check(names: Collection[str], path_of: Callable[[str], pathlib.Path], speech: pathlib.Path | None) -> Verdict:
     findings: list[str] = []
     notes: list[str] = []
     if not any(_FILE.fullmatch(name) for name in names) or len(names) > _MAX_FILES:
@@ -233,7 +225,7 @@ def _check(names: Collection[str], path_of: Callable[[str], pathlib.Path], speec
     else:
         notes.append(f"no {MANIFEST}: hashes are not checked")
     if speech is not None:
-        _check_speech(pathlib.Path(speech), files, findings)
+        _check_speech(speech, files, findings)
     return Verdict(findings, notes)
 
 

@@ -12,7 +12,7 @@ from ha2g_jax.apps.generate import read_words
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.motion_folders import clip_of, find_motions
 from ha2g_jax.files.npz import read_npz
-from ha2g_jax.files.reading import shown
+from ha2g_jax.files.reading import naming, shown
 from ha2g_jax.limits import MAX_MOTION_BYTES, MAX_SEED
 from ha2g_jax.motion import rigs, solver
 from ha2g_jax.motion.formats.tables import arrays_of
@@ -111,11 +111,9 @@ def from_file(
     """
     content = read_content(path)
     if smplx_arrays.has_poses(content.arrays):
-        try:
+        with naming(path):
             arrays = smplx_arrays.to_arrays(content.arrays, source_fps)
             up = smplx.to_motion(arrays, load_skeleton("ted_expressive"), template(), fps=1.0).up
-        except UserError as error:
-            raise UserError(f"{shown(path)}: {error}") from error
         betas = _own_betas(content.arrays, arrays) if betas is None else betas
         body = None  # `trans` is one of SMPL-X already
         if up == "y":
@@ -124,17 +122,6 @@ def from_file(
     motion = read_motion(path, joint_map=joint_map, source_fps=source_fps)
     _check_length(path, motion.num_frames, motion.fps, count)
     return from_motion(motion, count, betas=betas, body=body)
-
-
-def read_betas(arrays: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return the shape (300,) of the person of a file of SMPL-X motion.
-
-    Raises:
-        UserError: the file has no shape, or no numbers.
-    """
-    if "betas" not in arrays:
-        raise UserError("no betas in it; expected a file of BEAT2")
-    return _width(smplx_arrays.read_shape(arrays)[None], NUM_BETAS)[0]
 
 
 def _own_betas(given: Mapping[str, np.ndarray], arrays: smplx_arrays.SmplxArrays) -> np.ndarray:
@@ -286,10 +273,11 @@ def read_shapes(folder: pathlib.Path, clips: Sequence[str]) -> dict[str, np.ndar
             raise UserError(
                 f"{shown(folder)} has no file of {shown(clip)} or its speaker; give the folder smplxflame_30 of BEAT2"
             )
-        try:
-            shapes[clip] = read_betas(read_npz(path, max_bytes=MAX_MOTION_BYTES, names=["betas"]))
-        except UserError as error:
-            raise UserError(f"{shown(path)}: {error}") from error
+        with naming(path):
+            arrays = read_npz(path, max_bytes=MAX_MOTION_BYTES, names=["betas"])
+            if "betas" not in arrays:
+                raise UserError("no betas in it; expected a file of BEAT2")
+            shapes[clip] = _width(smplx_arrays.read_shape(arrays)[None], NUM_BETAS)[0]
     return shapes
 
 

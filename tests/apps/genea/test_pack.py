@@ -81,12 +81,10 @@ def test_the_same_arguments_give_the_same_zip(written, speech, debug_folder, tmp
 def test_a_clip_of_beat2_moves_as_its_speaker_where_the_model_has_them(
     debug_model, speech, debug_folder, tmp_path, monkeypatch
 ):
-    from ha2g_jax.apps import generate as generation
-
-    model = generation.load(debug_folder)
+    model = packs.load(debug_folder)
     [first, *_] = model.assets.speakers.values()
     model.assets.speakers["scott"] = first
-    monkeypatch.setattr(generation, "load", lambda *_: model)
+    monkeypatch.setattr(packs, "load", lambda *_: model)
     write_pack(speech, tmp_path / "pack", samples=1)
     manifest = json.loads((tmp_path / "pack" / "manifest.json").read_text())
     kinds = {clip: facts["samples"][0]["style"]["kind"] for clip, facts in manifest["clips"].items()}
