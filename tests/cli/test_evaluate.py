@@ -59,12 +59,8 @@ def test_one_folder_alone_is_refused(folders, capsys):
     [
         ("--motion a --reference b --split test", "--split does not apply to --motion with --reference"),
         ("--motion a --reference b --data c --speech d", "--data, --speech do not apply to --motion with --reference"),
-        ("--motion a --reference b --checkpoint demo", "--checkpoint does not apply to --motion with --reference"),
         ("--speech a.wav --data talk", "--data does not apply to --checkpoint with --speech"),
-        ("--speech a.wav --split test", "--split does not apply to --checkpoint with --speech"),
         ("--speech a.wav --legacy", "--legacy does not apply to --checkpoint with --speech"),
-        ("--speech a.wav --autoencoder b", "--autoencoder does not apply to --checkpoint with --speech"),
-        ("--data talk --skeleton ted_gesture", "--skeleton does not apply to --checkpoint with --data"),
         ("--joint-map mixamo", "--joint-map does not apply to --checkpoint with --data"),
     ],
 )
@@ -72,12 +68,6 @@ def test_an_option_that_does_not_apply_is_refused_in_one_line(given, line, capsy
     assert evaluate(*given.split()) == 2
     shown = capsys.readouterr()
     assert not shown.out and shown.err.startswith(f"ha2g: {line}") and shown.err.count("\n") == 1
-
-
-def test_one_form_is_chosen(capsys):
-    with pytest.raises(SystemExit) as caught:
-        evaluate("--json", "--markdown")
-    assert caught.value.code == 2
 
 
 @pytest.fixture

@@ -37,13 +37,6 @@ def run(*arguments) -> None:
     parsed.run(parsed)
 
 
-def test_export_writes_the_format_of_the_suffix(files, tmp_path, capsys):
-    out = tmp_path / "new" / "a.bvh"
-    run("export", files / "a.npz", "-o", out)
-    assert out.read_text().startswith("HIERARCHY")
-    assert capsys.readouterr().out.split() == [str(out)]
-
-
 def test_export_hands_rig_and_length_of_the_sound_on(files, tmp_path, monkeypatch):
     calls = []
     monkeypatch.setattr("ha2g_jax.motion.formats.export", lambda *args, **options: calls.append((args, options)))
@@ -111,7 +104,6 @@ def test_motions_go_by_the_names_of_their_files_and_if_need_be_folders(files):
 MISTAKES = {
     "missing": (["export", "{}/none.npz", "-o", "{out}/x.bvh"], "no file at"),
     "not a motion": (["export", "{}/text.npz", "-o", "{out}/x.bvh"], "is not a whole .npz"),
-    "format": (["export", "{}/a.npz", "-o", "{out}/x.fbx"], ".fbx"),
     "rig": (["export", "{}/a.npz", "-o", "{out}/x.bvh", "--rig", "robot"], "robot"),
     "overwrites": (["export", "{}/a.npz", "-o", "{}/a.npz"], "overwrite"),
     "no such suffix": (["export", "{}/a.npz", "-o", "{out}/x.avi"], "expected one of .mp4, .html"),
@@ -123,10 +115,8 @@ MISTAKES = {
     "size": (["export", "{}/a.npz", "-o", "{out}/x.mp4", "--size", "big"], "WIDTHxHEIGHT"),
     "odd size": (["export", "{}/a.npz", "-o", "{out}/x.mp4", "--size", "101x100"], "even sides"),
     "no sound": (["export", "{}/a.npz", "-o", "{out}/x.mp4", "--audio", "{}/words.tsv"], "words.tsv"),
-    "names": (["export", "{}/a.npz", "{}/b.npz", "-o", "{out}/x.mp4", "--names", "x"], "1 names for 2"),
     "same names": (["export", "{}/a.npz", "{}/a.npz", "-o", "{out}/x.mp4"], "contains a motion twice"),
     "figure suffix": (["export", "{}/a.npz", "-o", "{out}/x.pdf"], ".png, .svg"),
-    "count": (["export", "{}/a.npz", "-o", "{out}/x.png", "--count", "0"], "1 to 100"),
     "words": (["export", "{}/a.npz", "-o", "{out}/x.png", "--words", "{}/speech.wav"], "not a transcript"),
 }
 

@@ -150,11 +150,3 @@ def test_talk_has_its_causes_and_a_recording_stands_beside_it(tiny_talk, private
     page = report.write_report(tiny_talk, tmp_path / "a.html", num_samples=0, recording=recording).read_text()
     assert "<h2>Causes</h2>" in page and page.count("data:image/png;base64,") == 1
     assert '<th scope="col">recording</th>' in page and ">recording</text>" in page  # in the table and in the chart
-
-
-def test_a_recording_that_is_no_bvh_is_named(tiny_talk, tmp_path):
-    path = tmp_path / "speech.bvh"
-    path.write_text("hello")
-    with pytest.raises(UserError, match=r"speech\.bvh, line 1"):
-        report.write_report(tiny_talk, tmp_path / "report.html", recording=path)
-    assert not (tmp_path / "report.html").exists()

@@ -124,13 +124,6 @@ def test_a_row_has_the_scores_that_its_motion_allows(results):
     assert value(results, "late", "seam_velocity") == pytest.approx(1, abs=0.3)
 
 
-def test_values_lie_in_the_intervals_of_means(results):
-    for name in ("late", TRUTH, JITTER):
-        for metric in ("beat_gain", "beat_f", "beats_per_second", "acceleration", "l1_diversity", "diversity_l1"):
-            score = results["rows"][name][metric]
-            assert score["low"] <= score["value"] <= score["high"]
-
-
 def test_differences_of_two_methods_are_paired(results):
     (found,) = results["differences"].values()
     assert list(results["differences"]) == ["late again - late"]

@@ -35,13 +35,6 @@ def test_every_value_is_printed(results):
         assert CLOSER in text and not re.search("[↑↓]", text)
 
 
-def test_a_value_that_is_nowhere_has_no_column(results):
-    assert all(
-        row.get("beats_per_second_in_silence", {"value": None})["value"] is None for row in results["rows"].values()
-    )
-    assert "silent beats/s" not in section_table(results)
-
-
 def test_cells_of_a_terminal_stay_apart_and_short(results):
     parts = section_table(results).split("\n\n")
     cells = [line for part in parts for line in part.splitlines()[2:] if part.split("\n")[0] in _groups()]

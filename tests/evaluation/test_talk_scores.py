@@ -3,18 +3,15 @@
 import dataclasses
 import json
 
-import jax
 import numpy as np
 import pytest
 
 from ha2g_jax import synthesis
-from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.data.records import Clip, Stroke
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.clip_result import clip_identity, split_limits
 from ha2g_jax.evaluation.evaluate import score_as_json
-from ha2g_jax.evaluation.scoring import evaluate_checkpoint
 from ha2g_jax.evaluation.talk_scores import CLAIMED, ProbeWords, has_known_causes, predict_classes, score_known_causes
 from ha2g_jax.evaluation.talk_trials import (
     CLASSES,
@@ -91,14 +88,6 @@ def test_a_model_that_reads_words_is_scored_without_them_too(debug_model, tiny_t
     assert list(rows) == [ROWS[0], "model, no words", *ROWS[1:]]
     assert rows["model"]["semantic_recall"]["value"] > 0.9
     assert rows["model, no words"] == rows["mean pose"]
-
-
-def test_a_saved_model_scores_as_in_memory(results, debug_model, tiny_talk, tmp_path):
-    variables = jax.device_get(debug_model.variables)
-    folder = model_folder.save(tmp_path / "model", debug_model.config, debug_model.assets, variables)
-    again = evaluate_checkpoint(folder, tiny_talk, splits=["test"])
-    assert again["inputs"]["checkpoint"] == str(folder)
-    assert again["sections"]["test"]["known_causes"] == results["test"]
 
 
 def test_a_corpus_without_known_strokes_is_refused(debug_model, tiny_talk, monkeypatch):

@@ -102,11 +102,6 @@ def test_a_failed_run_is_reported_and_tried_again(request_):
     assert [name.split("-")[2] for name in again.trained] == ["trimodal", "trimodal"]
 
 
-def test_a_failed_autoencoder_ends_it(request_):
-    with pytest.raises(UserError, match="auto-encoder was not trained: the loss is no number"):
-        run_study(request_, FakeRuns(unlucky=("autoencoder",)))
-
-
 def test_an_unfinished_run_is_only_scored_without_training(request_):
     request = request_._replace(table="table12", seeds=(0,), changes={"train.steps": 8})
     is_whole, report = run_study(request, FakeRuns(interrupted=("ha2g",)))
@@ -226,16 +221,6 @@ def test_a_mistake_is_one_line(capsys, monkeypatch, tmp_path, flags, message):
     assert command.main(["table1", *flags]) == 2
     printed = capsys.readouterr().err
     assert message in printed and printed.count("\n") == 1 and not list(tmp_path.iterdir())
-
-
-def test_a_signal_stops_the_command(request_, capsys):
-    def perform(request, run, worker, stop):
-        os.kill(os.getpid(), signal.SIGINT)
-
-    flags = ["table1", "--data", f"bvh:{request_.path}", "--size", "debug", "--workdir", str(request_.workdir)]
-    before = signal.getsignal(signal.SIGINT)
-    assert command.main(flags, perform) == 128 + signal.SIGINT
-    assert "the same command continues" in capsys.readouterr().err and signal.getsignal(signal.SIGINT) is before
 
 
 def _cells(page, row):

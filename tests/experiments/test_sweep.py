@@ -3,10 +3,8 @@
 import json
 import os
 import pathlib
-import signal
 import subprocess
 import sys
-import threading
 
 import pytest
 import sweep
@@ -118,33 +116,3 @@ def test_what_is_finished_is_not_trained_again(stub, tmp_path):
     assert sweep.main(flags, stub) == 0
     assert sweep.main(flags, ["/does/not/exist"]) == 0  # the stub would also fail: its folder exists
     assert sweep.main([*flags, "--config.train.learning_rate=1"], stub) == 1  # another config is
-
-
-def test_a_stop_reaches_the_run_and_ends_the_sweep(tmp_path, capsys):
-    path = tmp_path / "stub.py"
-    path.write_text(
-        "import pathlib, signal, sys, time\n"
-        "signal.signal(signal.SIGTERM, lambda *_: (print('saved', flush=True), sys.exit(0)))\n"
-        f"pathlib.Path({str(tmp_path / 'begun')!r}).touch()\n"
-        "time.sleep(60)\n"
-    )
-    over = threading.Event()
-
-    def stop():
-        while not (tmp_path / "begun").exists() and not over.wait(0.05):
-            pass
-        os.kill(os.getpid(), signal.SIGTERM)
-
-    before = signal.getsignal(signal.SIGTERM)
-    stopper = threading.Thread(target=stop)
-    stopper.start()
-    try:
-        code = sweep.main(_flags(tmp_path / "runs", "seed=1,2"), [sys.executable, str(path)])
-    finally:
-        over.set()
-        stopper.join()
-    assert code == 128 + signal.SIGTERM
-    assert signal.getsignal(signal.SIGTERM) is before
-    printed = capsys.readouterr().out
-    assert "seed=1  0 (unfinished)" in printed and not (tmp_path / "runs" / "seed=2.log").exists()
-    assert (tmp_path / "runs" / "seed=1.log").read_text() == "saved\n"

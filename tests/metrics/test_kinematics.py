@@ -57,15 +57,6 @@ def test_a_cubic_has_constant_jerk():
     assert kinematics.jerk(positions, FPS) == pytest.approx(6)
 
 
-def test_a_sinusoid_has_the_values_of_its_differences():
-    # The n-th difference of sin(wt) has amplitude (2 sin(w/2))^n; over whole periods the mean |sin| is that of samples.
-    w = 2 * np.pi / 30
-    positions = np.zeros((2 + 300, 1, 3))
-    positions[:, 0, 2] = 0.1 * np.sin(w * np.arange(len(positions)))
-    mean = np.mean(np.abs(np.sin(w * (np.arange(300) + 1))))
-    assert kinematics.acceleration(positions, FPS) == pytest.approx(0.1 * (2 * np.sin(w / 2) * FPS) ** 2 * mean)
-
-
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_turning_and_moving_the_body_change_nothing(seed):

@@ -54,23 +54,11 @@ def test_jitter_is_white_and_as_large_as_real_differences():
     assert abs(np.sum(noise[1:] * noise[:-1]) / np.sum(noise**2)) < 0.02
 
 
-def test_jitter_is_the_same_for_the_same_seed():
-    np.testing.assert_array_equal(sanity.rows(CLIPS, MEAN)[sanity.JITTER][1], ROWS[sanity.JITTER][1])
-    assert not np.array_equal(sanity.rows(CLIPS, MEAN, seed=1)[sanity.JITTER][1], ROWS[sanity.JITTER][1])
-    assert not np.array_equal(ROWS[sanity.JITTER][0], ROWS[sanity.JITTER][1][:34])
-
-
 def test_smoothing_is_the_mean_of_five_frames():
     real = CLIPS[1].astype(np.float64)
     for frame in (0, 1, 2, 40, 88, 89):
         expected = normalize(real[max(0, frame - 2) : frame + 3].mean(axis=0))
         np.testing.assert_allclose(ROWS[sanity.SMOOTHED][1][frame], expected, atol=1e-6)
-
-
-def test_what_stands_still_stays_where_it_is():
-    still = np.tile(normalize(MEAN), (20, 1, 1))
-    for name, clips in sanity.rows([still], MEAN).items():
-        np.testing.assert_allclose(clips[0], still, atol=1e-6, err_msg=name)
 
 
 @pytest.mark.parametrize("frames", [0, 1, 3, 4, 5])
@@ -101,11 +89,3 @@ def test_equal_lengths_are_preferred_and_the_nearest_is_next():
         assert [lengths[i] for i in others[:4]] == [34] * 4
         assert set(others[4:]) <= {0, 1, 2, 3}
         assert all(sources[i] != sources[other] for i, other in enumerate(others))
-
-
-def test_pairings_are_drawn():
-    sources = [str(i) for i in range(50)]
-    rng = np.random.default_rng(0)
-    draws = [sanity.derangement(sources, rng) for _ in range(200)]
-    assert len({draw.tobytes() for draw in draws}) == 200
-    assert len({int(draw[0]) for draw in draws}) > 40  # 49 possible partners

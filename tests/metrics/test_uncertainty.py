@@ -107,12 +107,6 @@ def test_error_of_a_mean_is_the_textbook_one():
     assert error == pytest.approx(SAMPLES.std(ddof=1) / np.sqrt(200))
 
 
-def test_repeating_a_sample_within_its_cluster_lowers_no_error():
-    once = jackknife(SAMPLES, lambda x: float(np.mean(x)), np.arange(200))
-    thrice = jackknife(np.repeat(SAMPLES, 3), lambda x: float(np.mean(x)), np.repeat(np.arange(200), 3))
-    assert thrice == pytest.approx(once)
-
-
 def test_no_error_where_there_is_too_little():
     assert np.isnan(jackknife(SAMPLES[:0], lambda x: float(np.mean(x)), SAMPLES[:0])).all()
     value, error = jackknife(SAMPLES, lambda x: float(np.mean(x)), np.zeros(200))

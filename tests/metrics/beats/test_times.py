@@ -4,10 +4,6 @@ import os
 import subprocess
 import sys
 
-from ha2g_jax.errors import UserError
-from ha2g_jax.metrics.beats import times
-from ha2g_jax.metrics.beats.times import librosa
-
 PROGRAM = """
 import numpy as np
 from ha2g_jax.metrics.beats.times import librosa
@@ -31,12 +27,3 @@ def test_a_home_that_cannot_be_written_does_not_matter(tmp_path):
     (tmp_path / "file").write_text("")
     environment = {**os.environ, "HA2G_CACHE": str(tmp_path / "file" / "below")}
     assert subprocess.run([sys.executable, "-c", PROGRAM], env=environment, check=False).returncode == 0
-
-
-def test_a_user_without_a_home_does_not_matter(monkeypatch):
-    def no_folder():
-        raise UserError("this user has no home folder")
-
-    monkeypatch.setattr(times, "cache_folder", no_folder)
-    librosa.cache_clear()
-    assert librosa("util.exceptions").ParameterError
