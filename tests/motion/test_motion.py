@@ -71,13 +71,6 @@ def with_value(array: np.ndarray, frame: int, place: int, value: float) -> np.nd
     return array
 
 
-def test_the_mean_pose_is_accepted_and_comes_back(skeleton):
-    good = Motion.from_directions(skeleton, skeleton.mean_directions[None], 15)
-    good.check()
-    found = solver.directions_of(solver.animate(good), skeleton)
-    np.testing.assert_allclose(found, good.directions, atol=1e-3)
-
-
 GOOD = make("ted_gesture", 3)
 BAD: dict[str, tuple[dict[str, Any], str]] = {
     "NaN": ({"directions": with_value(GOOD.directions, 2, 4, np.nan)}, "bone to left_elbow in frame 2"),

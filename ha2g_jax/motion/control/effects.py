@@ -37,7 +37,7 @@ def apply(skeleton: Skeleton, directions: np.ndarray, fps: float, controls: Cont
         UserError: an amount, a side, a pose or a span is not valid.
     """
     check(controls, skeleton, (len(directions) + 0.5) / fps)  # the longest duration that rounds to so many frames
-    directions = mirror(skeleton, directions, controls.mirror)
+    directions = mirror_directions(skeleton, directions) if controls.mirror else directions
     directions = energy(skeleton, directions, fps, controls.energy)
     directions = extent(skeleton, directions, controls.extent)
     directions = handedness(skeleton, directions, controls.handedness)
@@ -73,7 +73,7 @@ def handedness(skeleton: Skeleton, directions: np.ndarray, side: str) -> np.ndar
     """Put the arm that is not on the given side into the rest pose; "both" is the unchanged motion.
 
     The arm that gestures, the trunk and the head do not change. For a motion that gestures with the other arm apply
-    `mirror` first.
+    `mirror_directions` first.
     """
     if side == "both":
         return directions
@@ -82,11 +82,6 @@ def handedness(skeleton: Skeleton, directions: np.ndarray, side: str) -> np.ndar
     result = np.array(directions, np.float32)
     result[:, bones] = rest_pose(skeleton)[bones]
     return result
-
-
-def mirror(skeleton: Skeleton, directions: np.ndarray, is_mirrored: bool = True) -> np.ndarray:
-    """Exchange left and right in a motion."""
-    return mirror_directions(skeleton, directions) if is_mirrored else directions
 
 
 def pin(skeleton: Skeleton, directions: np.ndarray, fps: float, pins: Sequence[Pin]) -> np.ndarray:

@@ -62,8 +62,6 @@ def read_bvh(path: str | os.PathLike) -> Bvh:
     path = pathlib.Path(path)
     check_regular(path, _EXPECTED)
     with reading(path, _EXPECTED):
-        if path.stat().st_size == 0:
-            raise UserError(f"{shown(path)} is an empty file; expected {_EXPECTED}")
         # Names may be in any encoding; escaping keeps different names different.
         with path.open(encoding="utf-8-sig", errors="backslashreplace") as file:
             return _Reader(path, file).read()

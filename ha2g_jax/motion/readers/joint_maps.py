@@ -28,7 +28,7 @@ HEAD = "head"
 
 _EXPECTED = "a joint map in JSON or YAML"
 _MAX_DEPTH = 3  # a map has lists within its lines; one more, so that the message names the joint
-_MAX_LISTED, _MAX_LISTED_LETTERS = 8, 400
+_MAX_SHOWN, _MAX_LISTED, _MAX_LISTED_LETTERS = 40, 8, 400
 _PREFIX = re.compile(r"mixamorig\d*_?", re.IGNORECASE)
 
 
@@ -154,11 +154,10 @@ def _positive(value: Any, name: str) -> float:
     return number
 
 
-def _text(value: Any, max_letters: int = 40) -> str:
+def _text(value: Any) -> str:
     """Return a value of a map as the beginning of its text; Python writes no number of thousands of digits."""
-    if isinstance(value, int) and abs(value) >= 10**MAX_JOINT_NAME:
-        return "9" * max_letters
-    return str(value)[:max_letters]
+    is_endless = isinstance(value, int) and abs(value) >= 10**MAX_JOINT_NAME
+    return "9" * _MAX_SHOWN if is_endless else str(value)[:_MAX_SHOWN]
 
 
 def _names(value: Any, key: str, name: str) -> tuple[str, ...]:

@@ -143,8 +143,8 @@ def test_handedness_rests_the_other_arm_alone(skeleton, gestures, side):
 
 def test_a_mirror_changes_sides_and_nothing_else(skeleton, gestures):
     motion = gestures(skeleton)
-    mirrored = effects.mirror(skeleton, motion)
-    np.testing.assert_array_equal(effects.mirror(skeleton, mirrored), motion)
+    mirrored = mirror_directions(skeleton, motion)
+    np.testing.assert_array_equal(mirror_directions(skeleton, mirrored), motion)
     before, after = wrists(skeleton, motion), wrists(skeleton, mirrored)
     np.testing.assert_allclose(after[:, ::-1] * [-1, 1, 1], before, atol=1e-6)
     assert np.abs(after - before).max() > 0.05

@@ -259,10 +259,3 @@ def test_a_file_that_cannot_be_used(content, found, written):
     message = str(caught.value)
     assert found in message and "motion.bvh" in message and "\n" not in message and len(message) < 400
     assert peak < (4 << 20) + 8 * path.stat().st_size
-
-
-def test_no_file(tmp_path):
-    with pytest.raises(UserError, match="no file at"):
-        read_bvh(tmp_path / "none.bvh")
-    with pytest.raises(UserError, match="a folder at"):
-        read_bvh(tmp_path)

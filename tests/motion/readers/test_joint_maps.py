@@ -94,7 +94,8 @@ def test_a_map_of_ones_own(suffix, tmp_path):
 FAULTS = {
     "not yaml": (".yaml", "spine: [", "is not YAML"),
     "a list": (".yaml", "- spine", "is not a joint map"),
-    "empty": (".yaml", "", "is not a joint map"),
+    "empty": (".yaml", "", "is an empty file"),
+    "blank": (".yaml", " ", "is not a joint map"),
     "a joint of no name": (".yaml", "spine:", "no name for spine"),
     "a name that is a truth": (".yaml", "spine: no", "no name for spine"),
     "a name that is a table": (".yaml", "spine: {a: b}", "no name for spine"),
