@@ -61,10 +61,9 @@ def read_bvh(path: str | os.PathLike) -> Bvh:
     """
     path = pathlib.Path(path)
     check_regular(path, _EXPECTED)
-    with reading(path, _EXPECTED):
-        # Names may be in any encoding; escaping keeps different names different.
-        with path.open(encoding="utf-8-sig", errors="backslashreplace") as file:
-            return _Reader(path, file).read()
+    # Names may be in any encoding; escaping keeps different names different.
+    with reading(path, _EXPECTED), path.open(encoding="utf-8-sig", errors="backslashreplace") as file:
+        return _Reader(path, file).read()
 
 
 class _Reader:
