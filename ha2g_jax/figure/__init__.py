@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from PIL import Image, ImageDraw
 
-from ha2g_jax.figure.face import hair_behind, head_frame, head_shapes
-from ha2g_jax.figure.limbs import arm_shapes, hand_parts, trunk_shapes
+from ha2g_jax.figure.person import arm_shapes, hair_behind, hand_parts, head_frame, head_shapes, trunk_shapes
 from ha2g_jax.figure.shapes import Colour, Look, Part, backdrop, enlarged, project
 from ha2g_jax.skeleton import Skeleton
 

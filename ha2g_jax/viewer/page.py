@@ -1,4 +1,4 @@
-"""The page of the viewer: motions, sound, words, its JavaScript and three.js in one HTML document."""
+"""Pages: motions with sound and words, or frames as they arrive, with JavaScript and three.js in one HTML document."""
 
 import base64
 import dataclasses
@@ -10,7 +10,7 @@ import json
 import pathlib
 import string
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -19,12 +19,18 @@ from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.text import Word
 from ha2g_jax.files.writing import whole_file
 from ha2g_jax.limits import MAX_MOTION_FRAMES
+from ha2g_jax.motion.armature import export_axes
+from ha2g_jax.motion.control.parts import rest_pose
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.viewer import packing
-from ha2g_jax.viewer.packing import LEVELS, PEAK_RATE, deflated, pack_motion, peaks
+from ha2g_jax.skeleton import Skeleton
+from ha2g_jax.viewer.packing import LEVELS, PEAK_RATE, deflated, describe_skeleton, encode_sound, pack_motion, peaks
 
 MAX_MOTIONS = 12
-_SCRIPTS = ("motion.js", "loft.js", "head.js", "arm.js", "body.js", "stage.js", "timeline.js", "player.js")
+_FIGURE = ("motion.js", "loft.js", "head.js", "arm.js", "body.js", "stage.js")
+_SCRIPTS = (*_FIGURE, "timeline.js", "player.js")
+_LIVE_SCRIPTS = (*_FIGURE, "arriving.js", "capture.js", "conversation.js", "live.js", "speaking.js", "watching.js")
+_DECIMALS = 4
+_MAX_SPEAKERS = 200
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,7 +97,7 @@ def view(
         # The player takes its time from the sound, so the sound lasts at least as long as the longest motion.
         padded = np.pad(audio, (0, max(0, round(duration * sample_rate) - len(audio))))
         duration = len(padded) / sample_rate
-        content["sound"] = base64.b64encode(packing.encode_sound(padded, sample_rate)).decode()
+        content["sound"] = base64.b64encode(encode_sound(padded, sample_rate)).decode()
         content["peaks"], content["peakRate"] = peaks(padded, sample_rate), PEAK_RATE
     content["duration"] = duration
     title = title or ", ".join(filter(None, motions)) or "Motion"
@@ -159,3 +165,81 @@ def three_library() -> bytes:
 @functools.cache
 def _deflated_three() -> str:
     return deflated(three_library())
+
+
+class LivePage(NamedTuple):
+    """An HTML document in UTF-8 and its headers of HTTP, by which the page may connect to its own origin only."""
+
+    content: bytes
+    headers: dict[str, str]
+
+
+def live_page(
+    source: Literal["sound", "frames"],
+    skeleton: Skeleton | None = None,
+    fps: float = 0,
+    *,
+    speakers: Sequence[str] = (),
+    needs_token: bool = False,
+) -> LivePage:
+    """Build the page.
+
+    Args:
+        source: "sound" for a page that sends sound to `/v1/stream` of its origin and shows the frames that it gets;
+            "frames" for one that shows the frames that its origin sends, see `figure_message`.
+        skeleton: skeleton of the frames; None if the server sends it.
+    """
+    content = {
+        "source": source,
+        "figure": None if skeleton is None else _figure(skeleton, fps),
+        "speakers": list(speakers[:_MAX_SPEAKERS]),
+        "needsToken": needs_token,
+    }
+    text, style, scripts = build_document("live.html", "HA2G live", content, ("style.css", "live.css"), _LIVE_SCRIPTS)
+    policy = {
+        "default-src": "'none'",
+        # three.js and the processor of sound are scripts that the page unpacks into blobs.
+        "script-src": " ".join(("blob:", *map(source_hash, scripts))),
+        "style-src": source_hash(style),
+        "img-src": "data:",
+        "connect-src": "'self'",
+        "base-uri": "'none'",
+        "form-action": "'none'",
+        "frame-ancestors": "'none'",
+    }
+    return LivePage(
+        text.encode(),
+        {
+            "Content-Type": "text/html; charset=utf-8",
+            "Content-Security-Policy": "; ".join(f"{name} {value}" for name, value in policy.items()),
+            "X-Content-Type-Options": "nosniff",
+            "Referrer-Policy": "no-referrer",
+            "Cross-Origin-Opener-Policy": "same-origin",
+            "Cache-Control": "no-store",
+        },
+    )
+
+
+def figure_message(skeleton: Skeleton, fps: float) -> dict[str, Any]:
+    """Return the first message to a page of "frames", JSON values."""
+    return {"figure": _figure(skeleton, fps)}
+
+
+def frames_message(first: int, directions: np.ndarray) -> dict[str, Any]:
+    """Return a message with frames, JSON values; it has the form of those of `/v1/stream`.
+
+    Args:
+        directions: (n, bones, 3) unit vectors in the axes of the skeleton.
+    """
+    rows = directions.reshape(len(directions), -1).astype(np.float64)
+    return {"first": first, "frames": np.round(rows, _DECIMALS).tolist()}
+
+
+def _figure(skeleton: Skeleton, fps: float) -> dict[str, Any]:
+    """Return what the page needs to draw a skeleton: y is up there, and the person faces +z."""
+    return {
+        "fps": fps,
+        **describe_skeleton(skeleton),
+        "axes": export_axes(skeleton).tolist(),
+        "rest": np.round(rest_pose(skeleton).reshape(-1).astype(np.float64), _DECIMALS).tolist(),
+    }

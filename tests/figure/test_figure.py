@@ -18,8 +18,7 @@ from ha2g_jax.figure import (
     outline,
     stage,
 )
-from ha2g_jax.figure.face import head_frame, head_shapes
-from ha2g_jax.figure.limbs import hand_parts
+from ha2g_jax.figure.person import hand_parts, head_frame, head_shapes
 from ha2g_jax.figure.shapes import capsules, enlarged, hull, project
 from ha2g_jax.skeleton import SKELETONS, Skeleton, directions_to_positions, load_skeleton
 

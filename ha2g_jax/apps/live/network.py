@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from ha2g_jax.errors import UserError, require
 from ha2g_jax.files.reading import reason, shown
-from ha2g_jax.viewer.live_page import LivePage
+from ha2g_jax.viewer.page import LivePage
 
 _MAX_PORT = 65_535
 _CLOSE_SECONDS = 1.0  # for a client to answer that the connection is closed

@@ -22,7 +22,7 @@ from ha2g_jax.motion.formats.tables import describe_joints, describe_poses
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.rigs import OWN, load_rig
 from ha2g_jax.skeleton import Skeleton
-from ha2g_jax.viewer.live_page import figure_message, frames_message, live_page
+from ha2g_jax.viewer.page import figure_message, frames_message, live_page
 
 PAGE = "/page"  # where the page connects that the sink serves
 _WAITING = 30  # messages that a page may be behind before it misses some
@@ -77,7 +77,7 @@ class UdpSink:
 class WebSocketSink:
     """Server that sends JSON to every page that connects: the joints first, then the frames.
 
-    The page that is served at the same address, which connects to `PAGE`, gets messages of `viewer.live_page` instead.
+    The page that is served at the same address, which connects to `PAGE`, gets messages of `viewer.page` instead.
     A page that reads too slowly misses frames; neither the run nor other pages wait for it.
     """
 

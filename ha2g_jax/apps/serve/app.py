@@ -27,7 +27,7 @@ from ha2g_jax.features.audio import read_audio
 from ha2g_jax.files.reading import shown
 from ha2g_jax.motion import formats
 from ha2g_jax.synthesis import Audio
-from ha2g_jax.viewer.live_page import live_page
+from ha2g_jax.viewer.page import live_page
 
 TYPES = {"npz": "application/zip", "json": "application/json", "csv": "text/csv", "bvh": "text/plain"}
 _BINARY = "model/gltf-binary"  # glb and vrma

@@ -23,7 +23,7 @@ from ha2g_jax.apps.live.sinks import MAX_DATAGRAM, VmcSink, open_sinks
 from ha2g_jax.apps.live.sources import open_source
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion.armature import world
-from ha2g_jax.viewer.live_page import live_page
+from ha2g_jax.viewer.page import live_page
 
 LARGEST_DATAGRAM = 9216  # macOS sends no longer ones by default
 

@@ -19,7 +19,7 @@ from ha2g_jax.motion import formats
 from ha2g_jax.motion.control import Controls
 from ha2g_jax.motion.control.parts import rest_pose
 from ha2g_jax.synthesis import Style
-from ha2g_jax.viewer.live_page import live_page
+from ha2g_jax.viewer.page import live_page
 
 
 @pytest.mark.parametrize("suffix", FORMATS)
