@@ -62,15 +62,11 @@ _FIELDS = {
 }
 
 
-class WhisperWeights(NamedTuple):
-    """A trained encoder."""
-
-    sizes: WhisperSizes
-    params: dict[str, Any]  # of `WhisperEncoder(**sizes._asdict())` as float32 numpy arrays
-
-
-def load(folder: str | pathlib.Path) -> WhisperWeights:
+def load(folder: str | pathlib.Path) -> tuple[WhisperSizes, dict[str, Any]]:
     """Read the encoder of a Whisper model from its folder, with weights in float16, bfloat16 or float32.
+
+    Returns:
+        The sizes, and the parameters of `WhisperEncoder(**sizes._asdict())` as float32 numpy arrays.
 
     Raises:
         UserError: a file or a tensor is missing or damaged, or is not that of a Whisper model.
@@ -96,7 +92,7 @@ def load(folder: str | pathlib.Path) -> WhisperWeights:
         params[name] = np.ascontiguousarray(_read(place, shape).T)
     if _POSITIONS in places:
         _check_positions(places[_POSITIONS], sizes.d_model)
-    return WhisperWeights(sizes, traverse_util.unflatten_dict(params, sep="/"))
+    return sizes, traverse_util.unflatten_dict(params, sep="/")
 
 
 def read_sizes(folder: str | pathlib.Path) -> WhisperSizes:

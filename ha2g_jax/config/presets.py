@@ -2,7 +2,7 @@
 
 presets.make("talk", "small")                                          # HA2G
 presets.make("ted_gesture", method="trimodal")                         # a baseline
-presets.make("talk", "study", changes=presets.ABLATIONS["Holistic"])   # a row of Table 4
+presets.make("talk", "study", changes=presets.TABLES["table4"]["Holistic"])
 
 A preset is `settings.paper` and changes of single settings, by dotted name: first those of the data, then those of the
 method, of the size, and of the row of a table. A later change wins.
@@ -238,7 +238,7 @@ METHODS: dict[str, MethodPreset] = {
 def make(data: str, size: str = "", method: str = "ha2g", changes: Changes | None = None) -> Config:
     """Return the config of a method on a kind of data, keys of `METHODS`, `DATA` and `SIZES`.
 
-    Changes are values by dotted names of settings, such as a row of `ABLATIONS`.
+    Changes are values by dotted names of settings, such as a row of `TABLES`.
 
     Raises:
         UserError: a name is unknown.
@@ -310,4 +310,3 @@ GESTURE: dict[str, Changes] = {
 }
 
 TABLES = {"table3": AUDIO_LEARNER, "table4": POSE_INFERER, "table11": SEED_FRAMES, "gesture_ablation": GESTURE}
-ABLATIONS = AUDIO_LEARNER | POSE_INFERER

@@ -64,7 +64,6 @@ def build_objective(
     vocabulary_size: int,
     num_speakers: int,
     *,
-    steps_per_epoch: int = 0,
     onednn: bool | None = None,
 ) -> Objective:
     """Build the networks of a config and the objective that trains them.
@@ -72,7 +71,6 @@ def build_objective(
     Args:
         config: settings, with the fields of `ha2g_jax.config.settings.paper`.
         skeleton, vocabulary_size, num_speakers: see `ha2g_jax.methods.build`.
-        steps_per_epoch: number of steps in an epoch, by which `config.train.warmup_epochs` becomes a number of steps.
         onednn: whether oneDNN computes convolutions and GRUs; None for yes where it is available.
 
     Raises:
@@ -103,7 +101,7 @@ def build_objective(
         discriminator_optimizer=adam(discriminator_rate, tuple(train.betas), train.clip_norm),
         generator_rate=generator_rate,
         discriminator_rate=discriminator_rate,
-        warmup_steps=train.warmup_epochs * steps_per_epoch,
+        warmup_steps=0,  # `loop` sets it, which knows how long an epoch is
         average_decay=train.ema,
         compute=Compute(jnp.dtype(train.dtype), train.accumulate, is_available() if onednn is None else onednn),
         log_every=train.log_every,

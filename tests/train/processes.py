@@ -36,9 +36,9 @@ def sgd_objective(method: str) -> Objective:
     config.model.inferer.levels = (3,)
     config.model.inferer.layers = 2
     config.model.inferer.dropout = 0.3
-    config.train.warmup_epochs = 1
-    objective = build_objective(config, load_skeleton("ted_gesture"), 11, 5, steps_per_epoch=2)
-    return dataclasses.replace(objective, generator_optimizer=optax.sgd(1e-4), discriminator_optimizer=optax.sgd(1e-2))
+    objective = build_objective(config, load_skeleton("ted_gesture"), 11, 5)
+    sgd = {"generator_optimizer": optax.sgd(1e-4), "discriminator_optimizer": optax.sgd(1e-2)}
+    return dataclasses.replace(objective, warmup_steps=2, **sgd)
 
 
 def train(

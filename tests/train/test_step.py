@@ -1,5 +1,6 @@
 """One step: what it shares, draws, rounds and leaves alone; and a hundred of them learn a batch by heart."""
 
+import dataclasses
 import functools
 
 import jax
@@ -196,7 +197,7 @@ def switched(make_config, build, state, batch):
     """A step with all these settings: (compiled, state before, state after, metrics)."""
     config = make_config()
     config.train.update({"dtype": "bfloat16", "ema": 0.5, "clip_norm": 0.1, "schedule": "cosine", "steps": 8})
-    objective = build(config, steps_per_epoch=2)
+    objective = dataclasses.replace(build(config), warmup_steps=2)
     start = state.replace(
         generator=state.generator.replace(opt_state=objective.generator_optimizer.init(state.generator.params)),
         discriminator=state.discriminator.replace(
