@@ -12,7 +12,7 @@ import pathlib
 import re
 import sys
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 from tqdm import tqdm
 
@@ -30,20 +30,13 @@ _NAME = re.compile(rf"({_PART}/{_PART})(?:@([A-Za-z0-9][A-Za-z0-9._/-]{{0,199}})
 _COMMIT = re.compile(r"[0-9a-f]{40}")
 
 
-class HubName(NamedTuple):
-    """A model on the Hub."""
-
-    repository: str  # OWNER/NAME
-    revision: str | None  # commit, tag or branch; None for the main branch
-
-
 def is_hub_name(name: Any) -> bool:
     """Return whether a name of a model is one of the Hub, hf://OWNER/NAME."""
     return isinstance(name, str) and name.startswith(PREFIX)
 
 
-def parse_name(name: str) -> HubName:
-    """Parse the name of a model on the Hub, with or without hf:// before it.
+def parse_name(name: str) -> tuple[str, str | None]:
+    """Return OWNER/NAME and the revision, None for the main branch, of a name with or without hf:// before it.
 
     Raises:
         UserError: the name has another form.
@@ -51,7 +44,7 @@ def parse_name(name: str) -> HubName:
     found = _NAME.fullmatch(name.removeprefix(PREFIX))
     if not found or ".." in name:
         raise UserError(f"{shown(name)} is not the name of a model on the Hub; expected hf://OWNER/NAME@REVISION")
-    return HubName(found[1], found[2])
+    return found[1], found[2]
 
 
 def fetch(name: str) -> pathlib.Path:

@@ -51,7 +51,7 @@ def publish(
     Raises:
         UserError: there is no model, the scores cannot be read, the licence has another form, or see `hub.publish`.
     """
-    repository = hub.parse_name(name).repository
+    repository, _ = hub.parse_name(name)
     if not _LICENCE.fullmatch(licence):
         raise UserError(f"{shown(licence)} is not the name of a licence; expected one such as apache-2.0 or cc-by-4.0")
     table = "" if scores is None else _text(scores)

@@ -16,7 +16,8 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.charts import markdown
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.synthesis import Model, load
-from ha2g_jax.train.measure import TimedStep, examine_machine
+from ha2g_jax.train.doctor import examine_machine
+from ha2g_jax.train.measure import TimedStep
 
 # For each precision the type of the activations, and the precision in which float32 arrays are multiplied. The second
 # has an effect on accelerators only: as "tensorfloat32" an NVIDIA GPU multiplies numbers of 10 bits of mantissa.

@@ -10,7 +10,7 @@ import pytest
 from ha2g_jax import cli
 from ha2g_jax.config import presets
 from ha2g_jax.config import settings as configs
-from ha2g_jax.train import describe, doctor, gradients, measure
+from ha2g_jax.train import describe, doctor, gradients
 from ha2g_jax.train.measure import Memory
 
 
@@ -25,10 +25,10 @@ def config(tiny_talk):
 @pytest.fixture
 def quick_step(monkeypatch):
     """Compile no step."""
-    monkeypatch.setattr(doctor, "_step", lambda config, corpus: measure.Finding("step", "quick"))
+    monkeypatch.setattr(doctor, "_step", lambda config, corpus: doctor.Finding("step", "quick"))
 
 
-def troubles(findings: list[measure.Finding]) -> dict[str, str]:
+def troubles(findings: list[doctor.Finding]) -> dict[str, str]:
     """Return name -> trouble of the findings that have one."""
     return {finding.name: finding.trouble for finding in findings if finding.trouble}
 
@@ -106,25 +106,25 @@ def test_settings_that_cannot_be_used_are_not_measured(config):
 
 def test_a_gpu_that_jax_does_not_use_is_named(monkeypatch, tmp_path):
     (tmp_path / "nvidia0").touch()
-    monkeypatch.setattr(measure, "_GPU_FILES", (str(tmp_path / "nvidia0"),))
-    assert "JAX_PLATFORMS=cpu" in troubles(measure.examine_machine())["devices"]
+    monkeypatch.setattr(doctor, "_GPU_FILES", (str(tmp_path / "nvidia0"),))
+    assert "JAX_PLATFORMS=cpu" in troubles(doctor.examine_machine())["devices"]
     monkeypatch.delenv("JAX_PLATFORMS")
-    assert "jax[cuda13]" in troubles(measure.examine_machine())["devices"]
-    monkeypatch.setattr(measure, "installed", lambda packages: dict.fromkeys(packages, "1.0"))
-    assert "jax-cuda12-plugin does not start" in troubles(measure.examine_machine())["devices"]
+    assert "jax[cuda13]" in troubles(doctor.examine_machine())["devices"]
+    monkeypatch.setattr(doctor, "installed", lambda packages: dict.fromkeys(packages, "1.0"))
+    assert "jax-cuda12-plugin does not start" in troubles(doctor.examine_machine())["devices"]
 
 
 def test_the_limit_of_a_container_counts(monkeypatch, tmp_path):
     memory = tmp_path / "meminfo"
     memory.write_text("MemTotal: 2000 kB\nMemFree: 10 kB\nMemAvailable: 1500 kB\n")
-    monkeypatch.setattr(measure, "_MEMORY", memory)
-    monkeypatch.setattr(measure, "_CONTAINER", tmp_path)
-    assert measure.host_memory() == (2000 * 1024, 1500 * 1024)
+    monkeypatch.setattr(doctor, "_MEMORY", memory)
+    monkeypatch.setattr(doctor, "_CONTAINER", tmp_path)
+    assert doctor.host_memory() == (2000 * 1024, 1500 * 1024)
     (tmp_path / "memory.max").write_text("1000\n")
     (tmp_path / "memory.current").write_text("400\n")
-    assert measure.host_memory() == (1000, 600)
+    assert doctor.host_memory() == (1000, 600)
     (tmp_path / "memory.max").write_text("max\n")
-    assert measure.host_memory() == (2000 * 1024, 1500 * 1024)
+    assert doctor.host_memory() == (2000 * 1024, 1500 * 1024)
 
 
 def test_a_step_that_does_not_fit_is_not_run(config, monkeypatch):
