@@ -25,8 +25,16 @@ from ha2g_jax.evaluation.clip_result import (
 )
 from ha2g_jax.evaluation.features import PoseFeatures
 from ha2g_jax.evaluation.rows import Rows, make_rows
-from ha2g_jax.evaluation.talk_scores import has_known_causes, rows_with_chance, score_known_causes
-from ha2g_jax.evaluation.talk_trials import Trial, known_truth, measure_causes, observe, semantic_floors
+from ha2g_jax.evaluation.talk_scores import (
+    Trial,
+    has_known_causes,
+    known_truth,
+    measure_causes,
+    observe,
+    rows_with_chance,
+    score_known_causes,
+    semantic_floors,
+)
 from ha2g_jax.files.writing import whole_file
 from ha2g_jax.metrics import diversity
 from ha2g_jax.metrics.beats import stops

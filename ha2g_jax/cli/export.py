@@ -132,13 +132,7 @@ def _draw_key_frames(arguments: argparse.Namespace) -> None:
 
 
 def read_size(text: str) -> int | tuple[int, int]:
-    """Parse the size of a video.
-
-    Args:
-        text: WIDTHxHEIGHT in pixels, such as "1920x1080", or one number for both.
-
-    Returns:
-        Width and height in pixels, or the one number.
+    """Parse the size of a video in pixels, WIDTHxHEIGHT such as "1920x1080", or one number for both.
 
     Raises:
         UserError: the text has another form.
@@ -165,12 +159,6 @@ def _load(arguments: argparse.Namespace) -> dict[str, "Motion"]:
 
 def names_of(paths: Sequence[pathlib.Path]) -> list[str]:
     """Choose a name for each file: its stem, with its folder where two stems are equal, or else its path.
-
-    Args:
-        paths: files to name.
-
-    Returns:
-        Different names in the order of the files.
 
     Raises:
         UserError: a file is given twice.

@@ -17,15 +17,7 @@ class Parser(argparse.ArgumentParser):
     """A parser whose commands report unknown arguments themselves, and not through the parser of `ha2g`."""
 
     def parse_known_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> tuple[Any, list[str]]:  # type: ignore[override]
-        """Parse arguments, all of which must be known.
-
-        Args:
-            args: arguments; by default those of this process.
-            namespace: object that takes the values.
-
-        Returns:
-            The namespace, and no further arguments.
-        """
+        """Parse arguments, all of which must be known."""
         values, unknown = super().parse_known_args(args, namespace)
         if unknown:
             self.error(f"unknown arguments: {' '.join(unknown)}; see {self.prog} --help")
@@ -77,16 +69,10 @@ def reading(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def refuse_others(arguments: argparse.Namespace, allowed: Sequence[str], every: Sequence[str], kind: str) -> None:
-    """Refuse options that are given but have no effect.
-
-    Args:
-        arguments: parsed arguments, with None or False for an option that is not given.
-        allowed: names of the options that have an effect.
-        every: names of the options to check.
-        kind: what the options would belong to, for the message.
+    """Refuse options of `every` that are given, neither None nor False, but are not `allowed` with what `kind` names.
 
     Raises:
-        UserError: an option of `every` that is not `allowed` is given.
+        UserError: such an option is given.
     """
     given = [name for name in every if name not in allowed and getattr(arguments, name) not in (None, False)]
     if given:

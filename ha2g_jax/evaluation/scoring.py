@@ -6,8 +6,6 @@ import pathlib
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from ha2g_jax import __version__, metrics
 from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.data.talk import build
@@ -23,7 +21,7 @@ from ha2g_jax.metrics.row import SEED_FRAMES
 from ha2g_jax.motion.readers.joint_maps import AUTO
 
 if TYPE_CHECKING:
-    from ha2g_jax.synthesis import Model
+    pass
 
 MIN_SECONDS = 10.0  # of a recording
 TEST_SPLITS, OTHER_SPLIT = ("test", "test_unseen_speakers"), "val"
@@ -187,8 +185,41 @@ def evaluate_recording(
     from ha2g_jax import synthesis
 
     audio = read_audio(pathlib.Path(speech))
+    if len(audio) < MIN_SECONDS * SAMPLE_RATE:
+        raise UserError(
+            f"{shown(speech)} has {len(audio) / SAMPLE_RATE:.1f} s of sound; expected at least {MIN_SECONDS:g} s"
+        )
     model = synthesis.load(checkpoint)
-    section = _score_recording(model, audio, shown(speech), speaker=speaker, seed=seed)
+    motion = model.generate(audio, style=synthesis.Style(speaker=speaker, variation=0), seed=seed)
+    first_frame, skeleton = model.spec.num_seed_frames, model.spec.skeleton
+    wrists = strokes.wrist_positions(skeleton, motion.directions)
+    row = strokes.recording_row(audio, wrists, motion.fps, first_frame)
+    section = {
+        "methods": ["model"],
+        "rows": {},
+        "differences": {},
+        "counts": {},
+        "data": {
+            "clips": 1,
+            "recordings": 1,
+            "seconds": round(row.seconds, 2),
+            "windows": None,
+            "skeleton": skeleton.name,
+            "fps": motion.fps,
+        },
+        "settings": {"first_frame": first_frame, "seed": seed, "draws": 0, "level": LEVEL},
+        "autoencoder": None,
+        "flags": [],
+        "warnings": [],
+        "notes": [],
+        "recording": {
+            "rows": {"model": {key: score_as_json(score) for key, score in measure(row, "recording").items()}},
+            "notes": [
+                "the mismatched speech is the recording rotated in time; intervals are 1.96 standard errors by "
+                f"segments of {strokes.SEGMENT:g} s",
+            ],
+        },
+    }
     inputs = {"checkpoint": str(checkpoint), "model": model.assets.hash, "speech": shown(speech)}
     return make_results(inputs, {shown(pathlib.Path(speech).name): section})
 
@@ -260,40 +291,3 @@ def _features(autoencoder: str | os.PathLike | None):
     from ha2g_jax.evaluation.features import PoseFeatures
 
     return PoseFeatures(autoencoder)
-
-
-def _score_recording(model: "Model", audio: np.ndarray, name: str, *, speaker: str | None, seed: int) -> dict[str, Any]:
-    if len(audio) < MIN_SECONDS * SAMPLE_RATE:
-        raise UserError(f"{name} has {len(audio) / SAMPLE_RATE:.1f} s of sound; expected at least {MIN_SECONDS:g} s")
-    from ha2g_jax.synthesis import Style
-
-    motion = model.generate(audio, style=Style(speaker=speaker, variation=0), seed=seed)
-    first_frame, skeleton = model.spec.num_seed_frames, model.spec.skeleton
-    wrists = strokes.wrist_positions(skeleton, motion.directions)
-    row = strokes.recording_row(audio, wrists, motion.fps, first_frame)
-    return {
-        "methods": ["model"],
-        "rows": {},
-        "differences": {},
-        "counts": {},
-        "data": {
-            "clips": 1,
-            "recordings": 1,
-            "seconds": round(row.seconds, 2),
-            "windows": None,
-            "skeleton": skeleton.name,
-            "fps": motion.fps,
-        },
-        "settings": {"first_frame": first_frame, "seed": seed, "draws": 0, "level": LEVEL},
-        "autoencoder": None,
-        "flags": [],
-        "warnings": [],
-        "notes": [],
-        "recording": {
-            "rows": {"model": {key: score_as_json(score) for key, score in measure(row, "recording").items()}},
-            "notes": [
-                "the mismatched speech is the recording rotated in time; intervals are 1.96 standard errors by "
-                f"segments of {strokes.SEGMENT:g} s",
-            ],
-        },
-    }

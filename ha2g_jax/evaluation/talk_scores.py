@@ -1,4 +1,7 @@
-"""Score a model on the Talk corpus, whose causes are known, with a ceiling and floors beside every model."""
+"""Score a model on the Talk corpus: motions against the strokes, words and styles that are known to cause them.
+
+A ceiling and floors stand beside every model.
+"""
 
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -7,17 +10,26 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
+from ha2g_jax import metrics
 from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.data.records import Clip
-from ha2g_jax.data.talk import lexicon, teacher
+from ha2g_jax.data.talk import anatomy, lexicon, teacher
 from ha2g_jax.data.talk.speakers import Style
 from ha2g_jax.errors import UserError
-from ha2g_jax.evaluation import talk_trials
 from ha2g_jax.evaluation.clip_result import check_fit, clip_identity, generate_clip, sample
 from ha2g_jax.evaluation.evaluate import score_as_json
-from ha2g_jax.evaluation.talk_trials import Trial, Truth
-from ha2g_jax.metrics.causes import PROBE_ACCURACY, CauseRow, Predictions
-from ha2g_jax.skeleton import positions_to_directions
+from ha2g_jax.metrics.beats.strokes import TOLERANCE, match, stroke_beats, wrist_positions
+from ha2g_jax.metrics.causes import (
+    PROBE_ACCURACY,
+    CauseRow,
+    Predictions,
+    expected_match,
+    hand_shape,
+    movement,
+    shown_flexions,
+)
+from ha2g_jax.metrics.uncertainty import Estimate, jackknife
+from ha2g_jax.skeleton import Skeleton, positions_to_directions
 from ha2g_jax.synthesis import Model, encode_features
 
 MODEL, WORDLESS, TEACHER, STILL, MISMATCHED = "model", "model, no words", "teacher", "mean pose", "mismatched speech"
@@ -25,8 +37,44 @@ MAJORITY, SHUFFLED = "majority", "shuffled"
 CLAIMED = ("beat_f1_gain", "finger_correlation")  # metrics of claims, which are measured without each speaker, too
 MISMATCHES = 5  # motions for other clips that make the floor of a clip
 
+CLASSES = tuple(lexicon.HAND_SHAPES)
+_SHAPES = np.array(list(lexicon.HAND_SHAPES.values()))
+_HANDS = {"left": [0], "right": [1], "both": [0, 1]}
+_STYLE = [Style._fields.index(name) for name in ("amplitude", "handedness")]
 _MAX_PROBE_CLIPS = 400
 _NOTE = "intervals against known causes are 1.96 standard errors by clip, of the style by speaker"
+
+
+class Observed(NamedTuple):
+    """Wrists (T, 2, 3) in metres, times of the beats (n,) in seconds and flexions of the fingers (T, 2, 5)."""
+
+    wrists: np.ndarray
+    beats: np.ndarray
+    flexions: np.ndarray
+
+
+class Truth(NamedTuple):
+    """A clip with the known causes of its motion.
+
+    Attributes:
+        clip: clip with strokes and style.
+        strokes: (n,) times of the beats that the sound causes.
+        causes: (m,) times of all downward strokes: those, and others of the true motion (the gesture of a word, a hand
+            that goes back to rest).
+        num_frames: number of frames of the true motion.
+    """
+
+    clip: Clip
+    strokes: np.ndarray
+    causes: np.ndarray
+    num_frames: int
+
+
+class Trial(NamedTuple):
+    """A motion and the clip that it is scored against: its own, or another one for the floor."""
+
+    truth: Truth
+    observed: Observed
 
 
 def has_known_causes(corpus: Corpus) -> bool:
@@ -72,7 +120,8 @@ def score_known_causes(
     for name, limit in limits.items():
         clips = corpus.clips(name)
         chosen[name] = [clips[index] for index in sample(len(clips), limit, seed)]
-    _check_causes(corpus, chosen)
+        if not all(clip.strokes and clip.style for clip in chosen[name]):
+            raise UserError(f"{corpus.path} ({name}) does not know its strokes; expected one of `ha2g data make-talk`")
     num_clips = sum(map(len, chosen.values()))
     num_probed = num_clips + min(_MAX_PROBE_CLIPS, len(corpus.clips(TRAIN))) if model.has_audio_levels else 0
     with tqdm(desc="known causes", total=num_clips + num_probed, unit="clip", disable=None, leave=False) as progress:
@@ -87,12 +136,6 @@ def score_known_causes(
     return results
 
 
-def _check_causes(corpus: Corpus, chosen: Mapping[str, Sequence[Clip]]) -> None:
-    for name, clips in chosen.items():
-        if not all(clip.strokes and clip.style for clip in clips):
-            raise UserError(f"{corpus.path} ({name}) does not know its strokes; expected one of `ha2g data make-talk`")
-
-
 def _score_split(
     model: Model, corpus: Corpus, clips: Sequence[Clip], seed: int, look_ahead: int | None, progress: tqdm
 ) -> dict[str, Any]:
@@ -100,9 +143,9 @@ def _score_split(
     trials: dict[str, list[Trial]] = {name: [] for name in (MODEL, WORDLESS, TEACHER, STILL)}
 
     def add(name: str, truth: Truth, directions: np.ndarray) -> None:
-        trials[name].append(Trial(truth, talk_trials.observe(skeleton, directions, fps)))
+        trials[name].append(Trial(truth, observe(skeleton, directions, fps)))
 
-    truths = [talk_trials.known_truth(skeleton, clip, fps) for clip in clips]
+    truths = [known_truth(skeleton, clip, fps) for clip in clips]
     for index, (clip, truth) in enumerate(zip(clips, truths, strict=True)):
         style = clip_identity(model, clip)
         directions = generate_clip(model, clip, style, seed + index, look_ahead=look_ahead)
@@ -113,15 +156,15 @@ def _score_split(
         add(TEACHER, truth, positions_to_directions(skeleton, again.positions))
         add(STILL, truth, np.broadcast_to(skeleton.mean_directions, directions.shape))
         progress.update()
-    made = {name: talk_trials.cause_row(row, fps, first_frame) for name, row in trials.items() if row}
+    made = {name: cause_row(row, fps, first_frame) for name, row in trials.items() if row}
     made |= rows_with_chance(trials[MODEL], fps, first_frame, seed)
-    rows = {name: talk_trials.measure_causes(row) for name, row in made.items()}
+    rows = {name: measure_causes(row) for name, row in made.items()}
     own = made.get(MODEL, CauseRow())
-    rows |= dict(zip((MAJORITY, SHUFFLED), talk_trials.semantic_floors(own), strict=True))
+    rows |= dict(zip((MAJORITY, SHUFFLED), semantic_floors(own), strict=True))
     return {
         "rows": {name: {key: score_as_json(value) for key, value in row.items()} for name, row in rows.items()},
         "without_speakers": {
-            metric: {speaker: _number(value) for speaker, value in talk_trials.without_speakers(own, metric).items()}
+            metric: {speaker: _number(value) for speaker, value in without_speakers(own, metric).items()}
             for metric in CLAIMED
         },
         "counts": {
@@ -156,7 +199,7 @@ def rows_with_chance(trials: Sequence[Trial], fps: float, first_frame: int, seed
         for other in others
     ]
     rows = {MODEL: trials, MISMATCHED: mismatched}
-    made = {name: talk_trials.cause_row(row, fps, first_frame) for name, row in rows.items() if row}
+    made = {name: cause_row(row, fps, first_frame) for name, row in rows.items() if row}
     if MISMATCHED in made:
         made[MODEL] = made[MODEL]._replace(mismatched=made[MISMATCHED].counts)
     return made
@@ -172,6 +215,124 @@ def _partners(clips: Sequence[Clip], seed: int) -> list[list[int]]:
         others.append([other for other in following if clips[other].recording != clip.recording][:MISMATCHES])
     fewest = min(map(len, others), default=0)
     return [row[:fewest] for row in others]
+
+
+def observe(skeleton: Skeleton, directions: np.ndarray, fps: float) -> Observed:
+    """Return wrists, beats and fingers of a motion (T, bones, 3)."""
+    wrists = wrist_positions(skeleton, directions)
+    return Observed(wrists, stroke_beats(wrists, fps), anatomy.finger_flexions(skeleton, directions))
+
+
+def known_truth(skeleton: Skeleton, clip: Clip, fps: float) -> Truth:
+    """Return the known causes of a clip's motion."""
+    strokes = np.array(sorted(stroke.time for stroke in clip.strokes if stroke.kind == "beat"))
+    wrists = wrist_positions(skeleton, positions_to_directions(skeleton, clip.positions))
+    moves = stroke_beats(wrists, fps)
+    others = moves[np.abs(moves[:, None] - strokes[None]).min(axis=1, initial=np.inf) > TOLERANCE]
+    return Truth(clip, strokes, np.sort(np.concatenate([strokes, others])), len(clip.positions))
+
+
+def cause_row(trials: Sequence[Trial], fps: float, first_frame: int) -> CauseRow:
+    """Return what the metrics of known causes measure, from the first frame on that was not given to the model."""
+    spans = [end - start for start, end in (_shared_time(trial, fps, first_frame) for trial in trials)]
+    shapes, flexions, word_clips = word_shapes(trials, fps, first_frame)
+    return CauseRow(
+        counts=beat_counts(trials, fps, first_frame),
+        seconds=np.array(spans),
+        clips=np.array([trial.truth.clip.id for trial in trials]),
+        shapes=shapes,
+        flexions=flexions,
+        word_clips=word_clips,
+        seen=np.array([movement(trial.observed.wrists, fps) for trial in trials]),
+        asked=np.array([trial.truth.clip.style for trial in trials])[:, _STYLE],
+        speakers=np.array([trial.truth.clip.speaker for trial in trials]),
+    )
+
+
+def without_speakers(row: CauseRow, name: str) -> dict[str, float]:
+    """Measure a metric of known causes without each speaker in turn, for jackknife errors over speakers.
+
+    Returns:
+        Name of the speaker -> value of the metric without the speaker; NaN where it is undefined.
+    """
+    metric, values = metrics.of_section("known_causes")[name], {}
+    for speaker in np.unique(row.speakers).tolist():
+        found = metric.measure(_without(row, speaker))
+        values[speaker] = found.value if isinstance(found, Estimate) else np.nan
+    return values
+
+
+def _without(row: CauseRow, speaker: str) -> CauseRow:
+    kept = row.speakers != speaker
+    words = np.isin(row.word_clips, row.clips[kept])
+    chance = row.mismatched.reshape(len(kept), -1, row.counts.shape[1])[kept].reshape(-1, row.counts.shape[1])
+    return row._replace(
+        counts=row.counts[kept],
+        mismatched=chance if len(row.mismatched) else row.mismatched,
+        seconds=row.seconds[kept],
+        clips=row.clips[kept],
+        shapes=row.shapes[words],
+        flexions=row.flexions[words],
+        word_clips=row.word_clips[words],
+        seen=row.seen[kept],
+        asked=row.asked[kept],
+        speakers=row.speakers[kept],
+    )
+
+
+def measure_causes(row: CauseRow) -> dict[str, Estimate]:
+    """Measure all metrics of known causes that a row has."""
+    found = {
+        name: metric.measure(row)
+        for name, metric in metrics.of_section("known_causes").items()
+        if metric is not PROBE_ACCURACY
+    }
+    return {name: score for name, score in found.items() if isinstance(score, Estimate)}
+
+
+def beat_counts(trials: Sequence[Trial], fps: float, first_frame: int) -> np.ndarray:
+    """Return rows of `Matches` (trials, 4) of beat strokes in the time that clip and motion have in common."""
+    counts = []
+    for trial in trials:
+        start, end = _shared_time(trial, fps, first_frame)
+        times = (trial.truth.strokes, trial.truth.causes, trial.observed.beats)
+        strokes, causes, moves = (x[(x >= start) & (x < end)] for x in times)
+        counts.append(match(strokes, causes, moves))
+    return np.array(counts, float).reshape(-1, 4)
+
+
+def word_shapes(trials: Sequence[Trial], fps: float, first_frame: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return what hands show at the gesture-bearing words: shapes, flexions and clips of words of a `CauseRow`."""
+    shapes, flexions, clips = [], [], []
+    for trial in trials:
+        start, end = _shared_time(trial, fps, first_frame)
+        for stroke in trial.truth.clip.strokes:
+            if stroke.kind == "semantic" and start <= stroke.time < end:
+                hands = trial.observed.flexions[:, _HANDS[stroke.hand]]
+                shown, true = shown_flexions(hands, stroke.time, fps), CLASSES.index(stroke.word_class)
+                shapes.append((hand_shape(shown, _SHAPES), true))
+                flexions.append((shown.mean(axis=0), _SHAPES[true]))
+                clips.append(trial.truth.clip.id)
+    return (
+        np.array(shapes, int).reshape(-1, 2),
+        np.array(flexions).reshape(-1, 2, _SHAPES.shape[1]),
+        np.array(clips),
+    )
+
+
+def semantic_floors(row: CauseRow) -> tuple[dict[str, Estimate], dict[str, Estimate]]:
+    """Return the scores of always showing the most frequent class, and of the same shapes at shuffled words."""
+    true = row.shapes[:, 1].tolist()
+    most = max(set(true), key=true.count) if true else 0
+    return (
+        {"semantic_recall": jackknife(row.shapes, lambda part: float(np.mean(part[:, 1] == most)), row.word_clips)},
+        {"semantic_recall": jackknife(row.shapes, lambda part: expected_match(*part.T), row.word_clips)},
+    )
+
+
+def _shared_time(trial: Trial, fps: float, first_frame: int) -> tuple[float, float]:
+    """Return start and end in seconds of what is scored."""
+    return first_frame / fps, min(trial.truth.num_frames, len(trial.observed.wrists)) / fps
 
 
 def _probe(

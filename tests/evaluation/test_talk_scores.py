@@ -12,13 +12,17 @@ from ha2g_jax.data.records import Clip, Stroke
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.clip_result import clip_identity, split_limits
 from ha2g_jax.evaluation.evaluate import score_as_json
-from ha2g_jax.evaluation.talk_scores import CLAIMED, ProbeWords, has_known_causes, predict_classes, score_known_causes
-from ha2g_jax.evaluation.talk_trials import (
+from ha2g_jax.evaluation.talk_scores import (
+    CLAIMED,
     CLASSES,
     Observed,
+    ProbeWords,
     Trial,
     Truth,
     beat_counts,
+    has_known_causes,
+    predict_classes,
+    score_known_causes,
     semantic_floors,
     without_speakers,
     word_shapes,
