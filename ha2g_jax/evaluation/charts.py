@@ -71,7 +71,6 @@ def interval_chart(
     Args:
         rows: name of a row -> name of a series -> its mark.
         label: description of the chart for screen readers.
-        axis: title of the horizontal axis.
         reference: value at which a dashed line is drawn, such as no difference.
     """
     series = list(dict.fromkeys(name for marks in rows.values() for name in marks))
@@ -105,7 +104,6 @@ def histogram(
     Args:
         counts: count of each bin.
         edges: (bins + 1,) edges of the bins, evenly spaced.
-        axis: title of the horizontal axis.
         label: description of the chart for screen readers.
         curves: name of a curve -> its mean and standard deviation.
     """

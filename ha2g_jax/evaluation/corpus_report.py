@@ -80,15 +80,12 @@ def write_report(
     num_samples: int = 4,
     recording: str | os.PathLike | None = None,
 ) -> pathlib.Path:
-    """Write a self-contained HTML page with videos. Equal corpora give equal pages.
+    """Write a self-contained HTML page with videos, and return its path. Equal corpora give equal pages.
 
     Args:
         out: path of the page, an `.html`.
         num_samples: number of clips to watch, of different speakers if possible; 0 for none.
         recording: path of a BVH motion capture of a real speaker, to compare the motion with.
-
-    Returns:
-        Path of the page.
 
     Raises:
         UserError: there is no corpus, a record or the recording cannot be used, the page cannot be written, or

@@ -36,9 +36,7 @@ class PoseFeatures:
         id: SHA-256 of the weights. Distances in the latent spaces of two auto-encoders cannot be compared.
         name: name of the config.
         data: name of the corpus that the auto-encoder was trained on.
-        latent_dim: number of values of a latent.
         skeleton: skeleton with the mean direction vectors that are subtracted.
-        fps: frames per second of the windows.
 
     Raises:
         UserError: there is no model, or the model is no pose auto-encoder of windows of 34 frames.

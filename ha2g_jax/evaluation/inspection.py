@@ -25,11 +25,7 @@ _MIN_NORM = 1e-8
 def audio_blend(model: Model, styles: np.ndarray) -> np.ndarray:
     """Return the style coordinator C of Eq. 3: how much each audio level counts in each level of the motion.
 
-    Args:
-        styles: (S, style_dim) styles f_id.
-
-    Returns:
-        (S, 3, H) weights of low, mid and high; each column sums to 1.
+    Of styles f_id (S, style_dim) it is (S, 3, H), weights of low, mid and high; each column sums to 1.
 
     Raises:
         UserError: a model of another method.
@@ -39,11 +35,7 @@ def audio_blend(model: Model, styles: np.ndarray) -> np.ndarray:
 
 
 def text_features(model: Model, words: Sequence[Word], num_frames: int) -> np.ndarray:
-    """Return the text features f_t (T, 32) of a clip of T frames, which serve the contrastive loss alone.
-
-    Args:
-        words: words of the clip in order of time.
-        num_frames: length T of the clip in frames.
+    """Return the text features f_t (T, 32) of the words of a clip, which serve the contrastive loss alone.
 
     Raises:
         UserError: a model of another method.
@@ -58,10 +50,6 @@ def word_similarities(model: Model, audio: np.ndarray, words: Sequence[Word]) ->
 
     The features of a word and of its sound are those of the frame in which the word starts. The contrastive loss makes
     the diagonal of the high level large beside everything else.
-
-    Args:
-        audio: (samples,) float32 mono samples at 16 kHz.
-        words: n words of the clip in order of time.
 
     Returns:
         A matrix (n, n) of cosines for "low", "mid" and "high": rows are words, columns are sounds.
@@ -85,8 +73,6 @@ def stage_poses(
     """Return the poses of every stage of the pose inferer for one window of a clip (Eq. 4).
 
     Args:
-        audio: (samples,) float32 mono samples at 16 kHz.
-        style: (style_dim,) style f_id.
         seed_pose: (M, bones, 3) unit vectors, the poses before the window.
         window: number of the window, which begins at frame `window` x (N - M).
 

@@ -225,11 +225,7 @@ def evaluate_recording(
 
 
 def make_results(inputs: Mapping[str, str], sections: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """Put sections together to results, the one shape that `table` and JSON have.
-
-    Args:
-        inputs: name of each input -> what was given.
-        sections: name of a split, a folder or a file -> what `evaluate` returns.
+    """Put inputs and sections, which `evaluate` returns, together to results, the one shape that `table` and JSON have.
 
     Returns:
         {"version", "inputs", "metrics": {name: {"title", "unit", "direction"}} of all scores, "sections"}.
