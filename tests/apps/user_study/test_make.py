@@ -176,19 +176,6 @@ def test_bad_input_ends_with_one_line_and_writes_nothing(message, tmp_path, writ
     assert sorted(tmp_path.iterdir()) == before
 
 
-def test_an_interrupt_leaves_nothing(tmp_path, write_motions, monkeypatch):
-    write_motions(tmp_path)
-    before = sorted(tmp_path.iterdir())
-
-    def interrupt(*_, **__):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(make, "write_site", interrupt)
-    monkeypatch.setattr(make, "write_video", lambda path, *_, **__: path.write_bytes(b"video"))
-    assert make_with(tmp_path) == 130
-    assert sorted(tmp_path.iterdir()) == before
-
-
 def test_addresses_that_answers_may_be_sent_to():
     for address in ("https://x.org/a?b=c", "http://localhost:8000/answers", "http://[::1]:9/"):
         assert read_wording(post=address).post == address

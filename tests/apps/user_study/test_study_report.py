@@ -1,7 +1,6 @@
 """The report: all parts are there, free text is shown and never run, and degenerate studies are reported honestly."""
 
 import json
-import sys
 from xml.etree import ElementTree
 
 import numpy as np
@@ -12,7 +11,6 @@ from fixtures.simulated_study import make_answers, write_study
 from ha2g_jax import cli
 from ha2g_jax.apps.user_study import analysis, study_report
 from ha2g_jax.apps.user_study.design import read_key
-from ha2g_jax.errors import UserError
 
 HOSTILE = (
     "<script>alert(1)</script> <img src=x onerror=alert(1)> [x](javascript:alert(1)) ![y](//z) | `a` \u202e\x07 --> $x$"
@@ -125,9 +123,3 @@ def test_command(folder, capsys):
     assert capsys.readouterr().out.strip() == str(folder / "report" / "report.html")
     assert cli.main([*arguments[:-1], str(folder / "none")]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1
-
-
-def test_missing_extra(folder, monkeypatch):
-    monkeypatch.setitem(sys.modules, "choix", None)
-    with pytest.raises(UserError, match=r"needs choix: pip install 'ha2g-jax\[report\]'"):
-        run(folder)

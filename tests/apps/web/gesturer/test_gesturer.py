@@ -3,20 +3,24 @@
 import json
 import pathlib
 import shutil
+import subprocess
 
 import numpy as np
 import pytest
 import soundfile
 import soxr
+from fixtures.bundles import bundle
 
 import ha2g_jax
 from ha2g_jax.features.audio import read_audio
 from ha2g_jax.features.spectrum import log_mel
 from ha2g_jax.motion.control import Controls
 from ha2g_jax.synthesis import Style, load_onnx
-from ha2g_jax.synthesis.onnx_model import page_description
+from ha2g_jax.synthesis.onnx_model import exported, page_description
 
-SPEECH = pathlib.Path(__file__).parents[4] / "examples" / "hello.wav"
+ROOT = pathlib.Path(__file__).parents[4]
+MODULES = ROOT / "integrations" / "web" / "node_modules"
+SPEECH = ROOT / "examples" / "hello.wav"
 MEDIAN, WORST = 0.01, 0.2  # degrees
 # dB. At other rates the filters that resample differ; a band at the floor may differ by more than one that is heard.
 TOLERANCES = {16000: 1e-3, 48000: 5e-3, 44100: 0.1, 22050: 0.1}
@@ -36,6 +40,41 @@ STREAMS = (
     },
     {"piece": 50000, "options": {"lookAhead": 34, "hop": 30, "reference": 20}},
 )
+
+
+@pytest.fixture(scope="session")
+def page_program(tmp_path_factory):
+    """The command that does jobs with a Gesturer, see gesturer.ts."""
+    return bundle(pathlib.Path(__file__).with_name("gesturer.ts"), tmp_path_factory.mktemp("page"))
+
+
+@pytest.fixture(scope="session")
+def demo_folder(tmp_path_factory):
+    """A folder with model.onnx and model.json of the demo."""
+    folder = tmp_path_factory.mktemp("demo")
+    path = pathlib.Path(shutil.copy(exported("demo"), folder / "model.onnx"))
+    path.with_suffix(".json").write_text(json.dumps(page_description(path)))
+    return folder
+
+
+@pytest.fixture(scope="session")
+def do_jobs(page_program, tmp_path_factory):
+    """A function from the folder of a model and jobs to what `Gesturer` found, in the same order."""
+    wasm = MODULES / "onnxruntime-web" / "dist" / "ort-wasm-simd-threaded.wasm"
+
+    def do(folder, jobs):
+        path = tmp_path_factory.mktemp("jobs") / "jobs.json"
+        path.write_text(json.dumps(jobs, default=str))
+        done = subprocess.run(
+            [*page_program, folder, wasm, path], capture_output=True, text=True, check=False, timeout=300
+        )
+        assert done.returncode == 0, done.stderr
+        answer = json.loads(done.stdout)
+        assert answer["loading"][-1] == 1
+        assert answer["loading"] == sorted(answer["loading"])
+        return answer["found"]
+
+    return do
 
 
 @pytest.fixture(scope="module")
