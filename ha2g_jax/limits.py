@@ -76,9 +76,6 @@ MAX_CHANNELS = 8_192
 MAX_RECORD_BYTES = 33_554_432
 """Size of run.json, and of each file of a checkpoint but those of its arrays."""
 
-MAX_CLIP_COORDINATE = 1_000_000
-"""Metres between a joint of a clip and the origin."""
-
 MAX_TALK_SPEAKERS = 10_000
 """Speakers of a Talk corpus."""
 

@@ -17,7 +17,6 @@ from ha2g_jax.data.records import PAPER_FPS, WINDOW_FRAMES, frames_at
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import check_utf8, file_sha256, shown
 from ha2g_jax.files.writing import check_new, whole_folder
-from ha2g_jax.limits import MAX_CLIP_COORDINATE
 from ha2g_jax.skeleton import Skeleton, bone_lengths, joint_angles, load_skeleton, positions_to_directions
 
 MIN_FPS, MAX_FPS = 1, 1000  # frames per second
@@ -35,8 +34,6 @@ def unusable_positions(positions: np.ndarray, skeleton: Skeleton) -> str | None:
     is_finite = np.isfinite(positions).all(axis=(1, 2))
     if not is_finite.all():
         return f"positions that are NaN or infinite, first in frame {is_finite.argmin()}"
-    if (farthest := float(np.abs(positions).max())) > MAX_CLIP_COORDINATE:
-        return f"positions up to {farthest:.3g} m, expected {MAX_CLIP_COORDINATE:,} m at most"
     return None
 
 

@@ -88,20 +88,42 @@ def test_a_talk_corpus_of_no_possible_size_is_refused(option, values, refused, t
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("name", ["x" * 300, "na\udcffme", "two\nlines"])
-def test_any_path_is_named_in_one_line(refused, tmp_path, name):
-    shown = "x..." if name[0] == "x" else name.encode(errors="surrogateescape").decode(errors="backslashreplace")
-    shown = shown.replace("\n", "\\n")
-    (tmp_path / "file").touch()
-    for command in (
-        ["export-model", f"{tmp_path}/{name}/run", f"{tmp_path}/out"],
-        ["describe", "--config", f"{tmp_path}/{name}:debug"],
-        ["train", "--config", f"{tmp_path}/{name}", "--workdir", f"{tmp_path}/run"],
-        ["train", "--config", "tests/one_stage.py:debug", "--workdir", f"{tmp_path}/file/{name}"],
-        ["generate", f"{tmp_path}/speech.wav", "--words", f"{tmp_path}/{name}"],
-    ):
-        assert shown[:4] in refused(*command) or "x" * 40 in refused(*command)
-    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+DATA_COMMANDS = (
+    *("import-bvh {} out", "import-smplx {} out", "import-ted {} out", "build-video {} out", "stats {}", "validate {}"),
+    *("split {} out", "merge {} {} out", "build-video a.mp4 out --settings {}", "import-bvh a.bvh out --joint-map {}"),
+    "import-smplx a.npz out --model {}",
+)
+COMMANDS = (
+    *("generate {}.wav", "generate a.wav --words {}", "evaluate --speech {}.wav", "describe --config {}:debug"),
+    *("train --config {} --workdir run", "export-model {}/run out", *(f"data {command}" for command in DATA_COMMANDS)),
+)
+
+
+@pytest.fixture
+def in_folder(tmp_path, monkeypatch):
+    """A folder with empty files, which is the working directory."""
+    monkeypatch.chdir(tmp_path)
+    for file in ("a.wav", "a.bvh", "a.npz", "a.mp4"):
+        (tmp_path / file).touch()
+    return tmp_path
+
+
+@pytest.mark.parametrize("name", ["x" * 300, "x" * 5_000, "na\udcffme", "two\nlines"])
+def test_a_path_of_any_name_is_refused_in_one_line(name, refused, in_folder):
+    for command in COMMANDS:
+        line = refused(*(word.format(name) for word in command.split()))
+        assert line.isprintable() and len(line) < 700, command
+    assert len(list(in_folder.iterdir())) == 4
+
+
+def test_what_is_no_file_is_refused_and_not_waited_for(refused, in_folder):
+    os.mkfifo("pipe")
+    (in_folder / "folder").mkdir()
+    (in_folder / "dangling").symlink_to("none")
+    for command in DATA_COMMANDS:
+        for name in ("pipe", "folder", "dangling"):
+            refused("data", *(word.format(name) for word in command.split()))
+    assert len(list(in_folder.iterdir())) == 7
 
 
 def test_a_full_disk_leaves_no_part_of_a_model_or_a_run(tmp_path):

@@ -1,7 +1,6 @@
 """Motion capture and joint maps of any content, and files of any name, are read or refused."""
 
 import json
-import os
 import pathlib
 
 import numpy as np
@@ -148,22 +147,3 @@ def test_a_name_that_is_not_utf8_is_imported_as_text(tmp_path, refused):
     assert "not UTF-8" in refused(
         "data", "split", str(tmp_path / "out"), str(tmp_path / f"x{ODD}"), "--fractions", "1", "0", "0"
     )
-
-
-@pytest.mark.parametrize("name", ["x" * 300, ODD, "pipe", "folder", "dangling"])
-def test_names_of_the_commands(name, tmp_path, refused, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    os.mkfifo("pipe")
-    pathlib.Path("folder").mkdir()
-    pathlib.Path("dangling").symlink_to("none")
-    path = str(write_recording(tmp_path / "in", "a"))
-    for command in ("import-bvh", "import-smplx", "import-ted", "build-video"):
-        refused("data", command, name, "out")
-    for flag in ("--joint-map", "--words"):
-        refused("data", "import-bvh", path, "out", "--skeleton", "ted_gesture", flag, name)
-    refused("data", "import-smplx", path, "out", "--model", name)
-    refused("data", "build-video", path, "out", "--settings", name)
-    for command in (("stats",), ("validate",), ("split", "out"), ("merge", "out")):
-        refused("data", command[0], name, *command[1:])
-    refused("describe", "--config", name)
-    assert not pathlib.Path("out").exists()

@@ -158,22 +158,3 @@ def test_a_file_of_any_name_is_read_or_refused(refused, tmp_path, name):
     path.write_bytes(b"these are words")
     line = refused("generate", str(path), "-o", str(tmp_path / "out"))
     assert line.isprintable() and "no sound that can be read" in line
-
-
-@pytest.mark.parametrize(
-    "command",
-    [
-        "generate {long}.wav",
-        "evaluate --speech {long}.wav",
-        "data build-video {long}.mp4 out",
-        "data stats {long}",
-        "data split {long} out",
-        "data merge {long} {long} out",
-        "data make-talk {long} --minutes 5 --speakers 4 --workers 1",
-    ],
-)
-@pytest.mark.parametrize("letters", [300, 5_000])
-def test_a_long_name_is_refused_in_one_line(refused, tmp_path, monkeypatch, command, letters):
-    monkeypatch.chdir(tmp_path)
-    line = refused(*command.format(long="x" * letters).split())
-    assert "xxx...xxx" in line and "too long" in line and len(line) < 500
