@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
+from fixtures.glb_reader import join_glb, split_glb
 from fixtures.motions import swaying
 from fuzz.conftest import within_limits
 from fuzz.mutation import FUZZ, damaged_bytes, damaged_text, damaged_tree
@@ -61,20 +62,6 @@ def answers(addon, contents, tmp_path) -> Callable[[str, bytes], None]:
                 assert str(error).isprintable() and len(str(error)) < 1_000
 
     return answers
-
-
-def split_glb(content: bytes) -> tuple[dict, bytes]:
-    """Return the JSON of a GLB, and the bytes of its arrays."""
-    (length,) = struct.unpack_from("<I", content, 12)
-    return json.loads(content[20 : 20 + length]), content[28 + length :]
-
-
-def join_glb(tree: object, blob: bytes) -> bytes:
-    """Return a GLB whose chunks have the lengths that its headers say."""
-    text = json.dumps(tree).encode()
-    text += b" " * (-len(text) % 4)
-    head = struct.pack("<5I", 0x46546C67, 2, 28 + len(text) + len(blob), len(text), 0x4E4F534A)
-    return head + text + struct.pack("<2I", len(blob), 0x4E4942) + blob
 
 
 @FUZZ

@@ -49,11 +49,18 @@ def test_a_copy_of_a_damaged_video(answered, data, name):
     answered(copy, data.draw(damaged_bytes(content[:400])) + content[400:], name)
 
 
-@pytest.mark.parametrize("limit", ["MAX_VIDEO_PIXELS", "MAX_VIDEO_IMAGE_BYTES"])
-def test_images_beyond_the_limits_are_refused(tmp_path, monkeypatch, limit):
-    monkeypatch.setattr(f"ha2g_jax.importers.video.images.{limit}", 1_000)
+@pytest.mark.parametrize(
+    ("limit", "value", "message"),
+    [
+        ("MAX_VIDEO_PIXELS", 1_000, "has images of 64 x 64 and 6144 bytes; expected at most"),
+        ("MAX_VIDEO_IMAGE_BYTES", 1_000, "has images of 64 x 64 and 6144 bytes; expected at most"),
+        ("MAX_VIDEO_IMAGES", 5, "more than 5 images"),
+    ],
+)
+def test_images_beyond_the_limits_are_refused(tmp_path, monkeypatch, limit, value, message):
+    monkeypatch.setattr(f"ha2g_jax.importers.video.images.{limit}", value)
     (tmp_path / "large.mp4").write_bytes(recordings.ffmpeg_bytes("mp4", "aac", "libx264"))
-    with pytest.raises(UserError, match="has images of 64 x 64 and 6144 bytes; expected at most"):
+    with pytest.raises(UserError, match=message):
         images.image_times(tmp_path / "large.mp4")
 
 
@@ -63,10 +70,3 @@ def test_a_size_in_a_header_takes_no_memory(answered, side):
     size = struct.pack("<2i", recordings.SIDE, recordings.SIDE)
     assert size in content
     answered(read, content.replace(size, struct.pack("<2i", side, side)), "large.avi")
-
-
-def test_too_many_images_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("ha2g_jax.importers.video.images.MAX_VIDEO_IMAGES", 5)
-    (tmp_path / "long.mp4").write_bytes(recordings.ffmpeg_bytes("mp4", "aac", "libx264"))
-    with pytest.raises(UserError, match="more than 5 images"):
-        images.image_times(tmp_path / "long.mp4")
