@@ -1,4 +1,4 @@
-"""Estimators run in processes of their own, and what they do wrong is one line; the environment of MediaPipe is whole."""
+"""What estimators of poses do wrong in their own process is one line; the environment of MediaPipe is whole or none."""
 
 import importlib.resources
 import os
