@@ -278,26 +278,18 @@ def _lists(
     placed: Sequence[tuple[Item, _Row]], num_clips: int, per_participant: int, attention: int
 ) -> tuple[tuple[tuple[str, ...], ...], dict[str, int]]:
     """Return balanced lists, and the number of items of each kind in every list."""
-    num_rows: dict[str, int] = {}
-    for _, entry in placed:
-        num_rows[entry.kind] = max(num_rows.get(entry.kind, 0), entry.row + 1)
-    # Clips of each row in a list; the checks are in every list.
-    rounds = {
-        kind: max(1, min(num_clips, per_participant // count)) for kind, count in num_rows.items() if kind != ATTENTION
-    }
+    num_items = collections.Counter(item.kind for item, _ in placed if item.kind != ATTENTION)
+    num_rows = {kind: num_items[kind] // num_clips for kind in PARTS if num_items[kind]}
+    rounds = {kind: max(1, min(num_clips, per_participant // count)) for kind, count in num_rows.items()}
     num_lists = math.lcm(1, *(num_clips // math.gcd(num_clips, each) for each in rounds.values()))
-    lists = []
-    for number in range(num_lists):
-        chosen = []
-        for item, entry in placed:
-            if entry.kind != ATTENTION:
-                each = rounds[entry.kind]
-                if (entry.column - number * each - entry.row * each) % num_clips >= each:
-                    continue
-            chosen.append(item.id)
-        lists.append(tuple(chosen))
-    counts = {kind: each * num_rows[kind] for kind, each in rounds.items()}
-    return tuple(lists), {kind: counts[kind] for kind in PARTS if kind in counts} | {ATTENTION: attention}
+
+    def has(number: int, entry: _Row) -> bool:
+        """Return whether a list has an item: so many clips of each row, and all checks."""
+        each = rounds.get(entry.kind)
+        return each is None or (entry.column - (number + entry.row) * each) % num_clips < each
+
+    lists = tuple(tuple(item.id for item, entry in placed if has(number, entry)) for number in range(num_lists))
+    return lists, {kind: each * num_rows[kind] for kind, each in rounds.items()} | {ATTENTION: attention}
 
 
 def _check(systems: Sequence[str], durations: Mapping[str, float], parts: Sequence[str], attention: int) -> None:

@@ -110,7 +110,7 @@ def test_an_answer_file_that_does_not_fit_is_excluded(case, key, content, tmp_pa
 
 FILES = {
     "not JSON": (b"<script>alert(1)</script>", "is not an answer file"),
-    "empty": (b"", "is not an answer file"),
+    "empty": (b"", "is an empty file"),
     "not UTF-8": (b"\xff\xfe{}", "is not an answer file"),
     "deep": (b"[" * 100 + b"]" * 100, "nested too deep"),
     "long number": (b"1" * 100_000, "is not an answer file"),
