@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import check_regular, reading, shown
+from ha2g_jax.files.reading import reading, shown
 from ha2g_jax.motion.control.parts import SIDES
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.resample import sample
@@ -18,8 +18,6 @@ from ha2g_jax.skeleton import Skeleton
 
 MOST = 2.0  # largest energy and extent
 _MAX_SECONDS = 1e6  # of a span, which may end after the motion
-
-_EXPECTED = "a motion of `ha2g generate`"
 
 
 class Pin(NamedTuple):
@@ -142,13 +140,10 @@ def read_pin(text: str) -> Pin:
     if pose == "rest":
         return Pin(*moments)
     path, moment = pathlib.Path(pose), 0.0
-    with reading(pose, _EXPECTED):
+    with reading(pose, "a motion of `ha2g generate`"):
         if not path.is_file() and "@" in pose:
             name, _, at = pose.rpartition("@")
             path, moment = pathlib.Path(name), _seconds(at, text)
-        exists = path.exists()
-    if exists:
-        check_regular(path, _EXPECTED)
     motion = Motion.load(path)
     last = (motion.num_frames - 1) / motion.fps
     if not 0 <= moment <= last:
