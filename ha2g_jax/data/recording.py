@@ -230,7 +230,6 @@ class Recording(NamedTuple):
         words: words in order of time, in seconds from the start of the audio.
         positions: (T, joints, 3) in metres, in the axes of the skeleton, at the corpus' frame rate.
         confidence: (T, joints) float32 in [0, 1], None if the positions were not estimated.
-        reference_images: (M, 224, 224, 3) uint8 images of the speaker, None if there are none.
         start: start of the shot in its file, in seconds.
     """
 
@@ -240,7 +239,6 @@ class Recording(NamedTuple):
     words: tuple[Word, ...]
     positions: np.ndarray
     confidence: np.ndarray | None = None
-    reference_images: np.ndarray | None = None
     start: float = 0.0
 
 
@@ -323,7 +321,7 @@ def _cut(recording: Recording, start: int, end: int, fps: float, number: int) ->
         audio=part.audio,
         words=part.words,
         positions=part.positions,
-        reference_images=part.reference_images,
+        reference_images=None,
         recording_start=part.start,
         window_starts=(),
         recording=part.name,

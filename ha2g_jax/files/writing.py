@@ -101,7 +101,7 @@ def whole_file(path: str | pathlib.Path, advice: str = _ADVICE) -> Iterator[path
 
 
 @contextlib.contextmanager
-def whole_folder(path: str | pathlib.Path, advice: str = _ADVICE) -> Iterator[pathlib.Path]:
+def whole_folder(path: str | pathlib.Path) -> Iterator[pathlib.Path]:
     """Provide a new folder, which is renamed to `path` when the context ends without an exception.
 
     If the context is left in any other way, nothing is left behind; what the process leaves that is killed meanwhile,
@@ -111,7 +111,7 @@ def whole_folder(path: str | pathlib.Path, advice: str = _ADVICE) -> Iterator[pa
         UserError: there is something at `path` that is not an empty folder, or the folder cannot be written.
     """
     path = pathlib.Path(path).absolute()
-    with writing(path, advice), _parents(path):
+    with writing(path), _parents(path):
         check_new(path)
         with temporary_folder(path) as folder:
             yield folder

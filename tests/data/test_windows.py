@@ -120,8 +120,6 @@ def test_reference_frames_are_resized_once_per_clip(corpus):
 def test_errors_say_what_to_do(corpus):
     with pytest.raises(UserError, match="61 frames"):
         Windows(corpus, "train", corpus.vocabulary(), num_frames=61, num_reference_images=4)
-    with pytest.raises(UserError, match=r"identity\.kind=speakers"):
-        Windows(corpus, "train", corpus.vocabulary(), num_frames=34, num_reference_images=7, image_size=32)
 
 
 def _val(corpus: Corpus, **options) -> Windows:

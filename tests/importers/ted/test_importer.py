@@ -260,7 +260,6 @@ def test_existing_corpus_is_kept(dataset: pathlib.Path, tmp_path: pathlib.Path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda data: data[: len(data) // 2], r"lmdb_val/data\.mdb has \d+ bytes instead of \d+"),
         (lambda data: data[:8192] + b"\xff" * (len(data) - 8192), r"lmdb_val(/data\.mdb)?"),
         (lambda data: data.replace(b"skeletons_3d", b"\xff" * 12), r"data\.mdb, record 0000000001 is damaged"),
     ],
@@ -278,8 +277,6 @@ def test_damaged_databases_are_refused(
     [
         (b"not serialized by anything", r"record 0000000001 is damaged or not of pyarrow 0\.14"),
         ({"vid": "video", "frames": []}, "record 0000000001 is not a video of the TED data"),
-        ([1, 2], "record 0000000001 is not a video of the TED data"),
-        ({"_pytype_": "builtins.eval", "data": b"", "pickle": True}, "which is never unpacked"),
     ],
 )
 def test_other_values_are_refused(tmp_path: pathlib.Path, value: Any, message: str):
