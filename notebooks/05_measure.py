@@ -113,7 +113,7 @@ jitter = sanity.rows(clips, mean_directions(clips))[sanity.JITTER]
 number, (start, end) = 3, (0.3, 5.8)
 _, axes = plt.subplots(2, sharex=True, figsize=(12, 5))
 for axis, name, motion in zip(axes, ("ground truth", "white jitter"), (clips[number], jitter[number]), strict=True):
-    rate = stops.angle_change_rate(corpus.skeleton, motion, change)
+    (rate,) = stops.angle_change_rates(corpus.skeleton, [motion], change)
     times = (np.arange(len(rate)) + 0.5) / corpus.fps
     lows = low_samples(rate, THRESHOLD)
     score = stops.beat_consistency(stops.consistency([rate], [truth[number].onsets], corpus.fps))

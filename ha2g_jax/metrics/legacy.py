@@ -160,7 +160,7 @@ def legacy_bc(
         The score; NaN where no clip has a motion beat and an onset.
     """
     mean = skeleton.mean_directions if variant == "paper" else np.zeros_like(skeleton.mean_directions)
-    rates = angle_change_rates(skeleton, (clip - mean[None] for clip in directions))
+    rates = angle_change_rates(skeleton, directions - mean)
     total, count = 0.0, 0
     for rate, sounds in zip(rates, onsets, strict=True):
         beats = (1 + low_samples(rate, threshold)) / FPS

@@ -10,7 +10,6 @@ score to report. Where the paper is silent: motion beats are minima and lie betw
 of, onsets of all clips have one vote each, and a motionless clip counts as 0.
 """
 
-import math
 from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
@@ -46,40 +45,25 @@ def mean_angle_change(skeleton: Skeleton, clips: Iterable[np.ndarray]) -> np.nda
     return total / max(count, 1)
 
 
-def angle_change_rate(
-    skeleton: Skeleton, directions: np.ndarray, change: np.ndarray | None = None, *, fps: float = CHANGE_FPS
-) -> np.ndarray:
+def angle_change_rates(
+    skeleton: Skeleton, clips: Sequence[np.ndarray], change: np.ndarray | None = None, *, fps: float = CHANGE_FPS
+) -> list[np.ndarray]:
     """Compute the angle change rate (Eq. 13), the mean over pairs of |theta_j(t + 1) - theta_j(t)| / MAAC(theta_j).
 
     Rigid pairs (MAAC below 1e-5) are left out of the mean.
 
     Args:
-        directions: (..., T, bones, 3) direction vectors, of any positive length.
+        clips: (T, bones, 3) direction vectors, of any positive length, that may differ in T.
         change: (pairs,) MAAC over pi, per frame at the fps of the motion. The default is that of the skeleton, which is
             at 15 fps, times 15 / fps: angles that change as fast per second change that much less per frame.
         fps: frames per second of the motion; it matters only where `change` is not given.
 
     Returns:
-        (..., T - 1) float64, no unit.
+        (T - 1,) float64 of each clip, no unit.
     """
-    *batch, num_frames, bones, axes = directions.shape
-    clips = directions.reshape(math.prod(batch), num_frames, bones, axes)
-    values = _rates(skeleton, clips, _weights(skeleton, change, fps))
-    return values.reshape(*batch, max(num_frames - 1, 0))
-
-
-def angle_change_rates(
-    skeleton: Skeleton, clips: Iterable[np.ndarray], change: np.ndarray | None = None, *, fps: float = CHANGE_FPS
-) -> list[np.ndarray]:
-    """Compute the angle change rate (T - 1,) of each of several clips (T, bones, 3) that may differ in T."""
-    lengths = []
-
-    def counted() -> Iterator[np.ndarray]:
-        for clip in clips:
-            lengths.append(max(len(clip) - 1, 0))
-            yield clip
-
-    values = _rates(skeleton, counted(), _weights(skeleton, change, fps))
+    weights = _weights(skeleton, change, fps)
+    values = np.concatenate([np.zeros(0), *(weights @ changes for changes in _changes(skeleton, clips))])
+    lengths = [max(len(clip) - 1, 0) for clip in clips]
     return np.split(values, np.cumsum(lengths)[:-1]) if lengths else []
 
 
@@ -89,10 +73,6 @@ def _weights(skeleton: Skeleton, change: np.ndarray | None, fps: float) -> np.nd
     per_frame = np.asarray(skeleton.angle_change if change is None else change, np.float64)
     moves = per_frame >= _MIN_CHANGE
     return np.where(moves, 1 / np.where(moves, per_frame * scale, 1), 0) / max(np.count_nonzero(moves), 1)
-
-
-def _rates(skeleton: Skeleton, clips: Iterable[np.ndarray], weights: np.ndarray) -> np.ndarray:
-    return np.concatenate([np.zeros(0), *(weights @ changes for changes in _changes(skeleton, clips))])
 
 
 def _changes(skeleton: Skeleton, clips: Iterable[np.ndarray]) -> Iterator[np.ndarray]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ha2g_jax.metrics.beats.alignment import Clip, align, mismatched, partners, with_partners
-from ha2g_jax.metrics.beats.stops import angle_change_rate, make_clips
+from ha2g_jax.metrics.beats.stops import angle_change_rates, make_clips
 from ha2g_jax.metrics.beats.times import audio_onsets
 from ha2g_jax.metrics.legacy import VARIANTS, legacy_bc
 from ha2g_jax.skeleton import load_skeleton, normalize
@@ -78,7 +78,7 @@ def test_jitter_gains_nothing_over_mismatched_speech_and_wins_by_the_legacy_rule
     motions, onsets = synthetic_motions(300)
     found, gain, error, legacy = {}, {}, {}, {}
     for name, motion in motions.items():
-        clips = make_clips(angle_change_rate(SKELETON, motion), onsets, FPS)
+        clips = make_clips(angle_change_rates(SKELETON, motion), onsets, FPS)
         found[name] = align(clips)
         gains = found[name].f - mismatched(clips, np.arange(300))
         gain[name], error[name] = gains.mean(), gains.std() / math.sqrt(300)
@@ -101,7 +101,7 @@ def test_jitter_gains_nothing_over_mismatched_speech_and_wins_by_the_legacy_rule
 def test_beats_lie_where_the_arms_stop(fps, shift):
     stops = 0.6 * np.arange(-1, 9) + shift / fps  # without a shift right on a frame, but for 24 fps
     motion = swinging_arms(stopping_angles(stops, round(4 * fps), fps))
-    found = stop_beats(angle_change_rate(SKELETON, motion, fps=fps), fps)
+    found = stop_beats(*angle_change_rates(SKELETON, [motion], fps=fps), fps)
     np.testing.assert_allclose(found * fps, stops[(stops > 0.5) & (stops < 3.9)] * fps, atol=0.1)
 
 
