@@ -14,7 +14,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.clip_result import ClipResult
 from ha2g_jax.evaluation.rows import Rows, make_rows
 from ha2g_jax.metrics import reconstruction
-from ha2g_jax.metrics.beats import rests, stops, summary, times
+from ha2g_jax.metrics.beats import rests, row_alignment, stops, times
 from ha2g_jax.metrics.frechet import SAMPLES_PER_DIMENSION
 from ha2g_jax.metrics.legacy import legacy_notes
 from ha2g_jax.metrics.metric import Score, Section, Statistic
@@ -148,7 +148,7 @@ def _measure_rows(made: Rows, intervals: Intervals, *, has_legacy: bool) -> tupl
             scores[name] = measure(row, "rows")
             found["rows"][name] = {key: intervals(score) for key, score in scores[name].items()}
             found["rows"][name] |= _draws(row, found["rows"][name])
-            found["counts"][name] = {key: number(value) for key, value in row.once(summary.clip_counts).items()}
+            found["counts"][name] = {key: number(value) for key, value in row.once(row_alignment.clip_counts).items()}
             if has_legacy:
                 found["legacy_v1"][name] = {key: intervals(score) for key, score in measure(row, "legacy_v1").items()}
             if row is not made.truth:
@@ -232,7 +232,7 @@ def _settings(seed: int, draws: int, fps: float, *, has_training: bool) -> dict[
             "sigma": times.SIGMA,
             "threshold": stops.THRESHOLD,
             "silence_db": times.SILENCE_DB,
-            "mismatches": summary.NUM_MISMATCHES,
+            "mismatches": row_alignment.NUM_MISMATCHES,
         },
         "beat_align": {
             "sigma": rests.SIGMA,

@@ -5,12 +5,12 @@ A new metric is one file that defines a `Metric`, an import here, and one line i
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.metrics import causes, diversity, frechet, kinematics, legacy, reconstruction, seams
-from ha2g_jax.metrics.beats import rests, strokes, summary
+from ha2g_jax.metrics.beats import rests, row_alignment, strokes
 from ha2g_jax.metrics.metric import Metric, Section
 
 # All metrics, in the order of the columns.
 _REGISTERED: tuple[Metric, ...] = (
-    *summary.BEAT_METRICS,
+    *row_alignment.BEAT_METRICS,
     frechet.FGD,
     frechet.FGD_SEEDED,
     frechet.FGD_EXTRAPOLATED,
