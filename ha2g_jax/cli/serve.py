@@ -3,6 +3,7 @@
 import argparse
 import os
 import pathlib
+from collections.abc import Callable
 from typing import Any
 
 from ha2g_jax.apps.serve.settings import Settings
@@ -11,6 +12,15 @@ from ha2g_jax.cli.parser import positive
 
 _DEFAULT = Settings()
 _MEBIBYTE = 1 << 20
+_LIMITS: dict[str, tuple[Callable[[str], float], str]] = {
+    "sessions": (positive, "streams at a time"),
+    "requests": (positive, "requests for motion at a time"),
+    "rate": (float, "requests a minute of one client, 0 for any"),
+    "max_seconds": (float, "seconds of sound of a request"),
+    "session_seconds": (float, "seconds that a stream may last"),
+    "idle_seconds": (float, "seconds without a message that end a stream"),
+    "grace": (float, "seconds for running requests after SIGTERM"),
+}
 
 
 def add_commands(commands: Any) -> None:
@@ -37,47 +47,15 @@ def add_commands(commands: Any) -> None:
         "--workers", type=positive, default=_DEFAULT.workers, help="processes, one for each core (default: %(default)g)"
     )
     limits = serve.add_argument_group("limits", "Each worker has these limits; N workers take N times as much.")
-    limits.add_argument(
-        "--sessions", type=positive, default=_DEFAULT.sessions, help="streams at a time (default: %(default)g)"
-    )
-    limits.add_argument(
-        "--requests",
-        type=positive,
-        default=_DEFAULT.requests,
-        help="requests for motion at a time (default: %(default)g)",
-    )
-    limits.add_argument(
-        "--rate",
-        type=float,
-        default=_DEFAULT.rate,
-        help="requests a minute of one client, 0 for any (default: %(default)g)",
-    )
+    for name, (kind, text) in _LIMITS.items():
+        default = getattr(_DEFAULT, name)
+        option = f"--{name.replace('_', '-')}"
+        limits.add_argument(option, type=kind, default=default, help=f"{text} (default: %(default)g)")
     limits.add_argument(
         "--max-mebibytes",
         type=positive,
         default=_DEFAULT.max_bytes // _MEBIBYTE,
         help="size of a file (default: %(default)g)",
-    )
-    limits.add_argument(
-        "--max-seconds", type=float, default=_DEFAULT.max_seconds, help="length of the sound (default: %(default)g)"
-    )
-    limits.add_argument(
-        "--session-seconds",
-        type=float,
-        default=_DEFAULT.session_seconds,
-        help="length of a stream (default: %(default)g)",
-    )
-    limits.add_argument(
-        "--idle-seconds",
-        type=float,
-        default=_DEFAULT.idle_seconds,
-        help="silence that ends a stream (default: %(default)g)",
-    )
-    limits.add_argument(
-        "--grace",
-        type=float,
-        default=_DEFAULT.grace,
-        help="seconds for running requests after SIGTERM (default: %(default)g)",
     )
     serve.set_defaults(run=_serve)
 
@@ -113,14 +91,8 @@ def _serve(arguments: argparse.Namespace) -> None:
         token=arguments.token or os.environ.get("HA2G_TOKEN") or None,
         origins=tuple(arguments.origin),
         workers=arguments.workers,
-        sessions=arguments.sessions,
-        requests=arguments.requests,
-        rate=arguments.rate,
         max_bytes=arguments.max_mebibytes * _MEBIBYTE,
-        max_seconds=arguments.max_seconds,
-        session_seconds=arguments.session_seconds,
-        idle_seconds=arguments.idle_seconds,
-        grace=arguments.grace,
+        **{name: getattr(arguments, name) for name in _LIMITS},
     )
     serve.serve(arguments.checkpoint, settings)
 
