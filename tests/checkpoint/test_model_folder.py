@@ -99,7 +99,10 @@ def _assets(**changes):
 DAMAGE = {
     "truncated weights": (_truncate, "model.safetensors is damaged"),
     "one bit of the weights": (_other_weights, "model.safetensors has hash"),
-    "empty weights": (lambda folder: (folder / "model.safetensors").write_bytes(b""), "model.safetensors is damaged"),
+    "empty weights": (
+        lambda folder: (folder / "model.safetensors").write_bytes(b""),
+        "model.safetensors is an empty file",
+    ),
     "another shape": (
         _edit("config.json", lambda config: config["model"]["inferer"].update(hidden_dim=9)),
         "has shape .* instead of",

@@ -247,7 +247,7 @@ def test_gaps_and_single_rows_are_drawn_and_runs_without_metrics_are_said(make_r
 )
 def test_mistakes_are_answered_in_one_line(arguments, said, make_run, tmp_path, monkeypatch, capsys):
     make_run()
-    (tmp_path / "file").touch()
+    (tmp_path / "file").write_text("no run")
     (tmp_path / "empty").mkdir()
     monkeypatch.chdir(tmp_path)
     assert cli.main(arguments) == 2
