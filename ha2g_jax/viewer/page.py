@@ -29,7 +29,7 @@ MAX_MOTIONS = 12
 _FIGURE = ("motion.js", "loft.js", "head.js", "arm.js", "body.js", "stage.js")
 _SCRIPTS = (*_FIGURE, "timeline.js", "player.js")
 _LIVE_SCRIPTS = (*_FIGURE, "arriving.js", "capture.js", "conversation.js", "live.js", "speaking.js", "watching.js")
-_DECIMALS = 4
+_DECIMALS = 4  # of directions
 _MAX_SPEAKERS = 200
 
 
@@ -101,7 +101,7 @@ def view(
         content["peaks"], content["peakRate"] = peaks(padded, sample_rate), PEAK_RATE
     content["duration"] = duration
     title = title or ", ".join(filter(None, motions)) or "Motion"
-    return Page(build_document("page.html", title, content, ("style.css",), _SCRIPTS).text, height)
+    return Page(_build_document("page.html", title, content, ("style.css",), _SCRIPTS).text, height)
 
 
 def _check(motions: Mapping[str, Motion]) -> None:
@@ -116,7 +116,7 @@ def _check(motions: Mapping[str, Motion]) -> None:
         )
 
 
-class Document(NamedTuple):
+class _Document(NamedTuple):
     """An HTML document with the texts of its style and its scripts."""
 
     text: str
@@ -124,16 +124,10 @@ class Document(NamedTuple):
     scripts: tuple[str, ...]
 
 
-def build_document(
+def _build_document(
     template: str, title: str, content: Mapping[str, Any], styles: Sequence[str], scripts: Sequence[str]
-) -> Document:
-    """Build a document from files of `assets/viewer`.
-
-    Args:
-        template: name of the HTML file, which has places for what follows.
-        content: JSON values that the scripts read.
-        scripts: names of the JavaScript files, in the order in which they run.
-    """
+) -> _Document:
+    """Fill a template of `assets/viewer` with styles, JSON values that the scripts read, and scripts in their order."""
     style = "".join(read_asset(name) for name in styles)
     code = tuple(f"\n{read_asset(name)}" for name in scripts)
     text = string.Template(read_asset(template)).substitute(
@@ -144,10 +138,10 @@ def build_document(
         content=json.dumps(content, sort_keys=True, separators=(",", ":")).replace("<", "\\u003c"),
         scripts="\n".join(f"<script>{script}</script>" for script in code),
     )
-    return Document(text, style, code)
+    return _Document(text, style, code)
 
 
-def source_hash(text: str) -> str:
+def _source_hash(text: str) -> str:
     """Return the source of a Content-Security-Policy that allows an element with a text, and no other."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
 
@@ -182,7 +176,7 @@ def live_page(
     speakers: Sequence[str] = (),
     needs_token: bool = False,
 ) -> LivePage:
-    """Build the page.
+    """Build the page that shows frames while they arrive.
 
     Args:
         source: "sound" for a page that sends sound to `/v1/stream` of its origin and shows the frames that it gets;
@@ -195,12 +189,12 @@ def live_page(
         "speakers": list(speakers[:_MAX_SPEAKERS]),
         "needsToken": needs_token,
     }
-    text, style, scripts = build_document("live.html", "HA2G live", content, ("style.css", "live.css"), _LIVE_SCRIPTS)
+    text, style, scripts = _build_document("live.html", "HA2G live", content, ("style.css", "live.css"), _LIVE_SCRIPTS)
     policy = {
         "default-src": "'none'",
         # three.js and the processor of sound are scripts that the page unpacks into blobs.
-        "script-src": " ".join(("blob:", *map(source_hash, scripts))),
-        "style-src": source_hash(style),
+        "script-src": " ".join(("blob:", *map(_source_hash, scripts))),
+        "style-src": _source_hash(style),
         "img-src": "data:",
         "connect-src": "'self'",
         "base-uri": "'none'",

@@ -197,8 +197,8 @@ def test_the_rest_pose_is_symmetric_with_the_hands_low(skeleton):
     assert np.all((height > 0.35) & (height < 0.6))
 
 
-# Controls of a stream do to each frame what those of a whole motion do, as far as a frame can know.
 def one_by_one(skeleton, motion: np.ndarray, controls: Controls) -> np.ndarray:
+    """A stream's controls do to each frame what those of a whole motion do, as far as a frame can know."""
     running = effects.RunningControls(skeleton, FPS, controls)
     return np.concatenate([running.apply(motion[frame : frame + 1], controls) for frame in range(len(motion))])
 
@@ -233,7 +233,7 @@ def test_running_energy_scales_the_speed(skeleton, gestures, energy, low, high):
     np.testing.assert_allclose(np.linalg.norm(livelier, axis=-1), 1, atol=1e-5)
 
 
-def test_frames_together_are_thoseone_by_one(skeleton, gestures):
+def test_frames_together_are_those_one_by_one(skeleton, gestures):
     motion, controls = gestures(skeleton, 3), Controls(energy=1.4, handedness="left")
     together = effects.RunningControls(skeleton, FPS, controls).apply(motion, controls)
     np.testing.assert_array_equal(together, one_by_one(skeleton, motion, controls))
