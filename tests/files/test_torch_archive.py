@@ -167,7 +167,7 @@ def test_a_file_that_ends_early_or_has_another_content(torch_files, tmp_path):
     assert damaged != content
     for data in [*(content[:size] for size in range(0, len(content), 40)), damaged, b"", pickle.dumps({}), b"text"]:
         (tmp_path / "part.bin").write_bytes(data)
-        with pytest.raises(UserError, match=r"part\.bin is not an archive of weights of PyTorch"):
+        with pytest.raises(UserError, match=r"part\.bin is (not an archive of weights of PyTorch|an empty file)"):
             read_torch(tmp_path / "part.bin")
     with pytest.raises(UserError, match="cannot read"):
         read_torch(tmp_path / "absent.bin")

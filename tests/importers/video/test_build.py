@@ -165,7 +165,7 @@ def test_a_build_without_clips_says_why(videos, settings, tmp_path):
 
 
 def test_if_all_fail_nothing_is_left(settings, tmp_path):
-    (tmp_path / "bad.mp4").write_bytes(b"")
+    (tmp_path / "bad.mp4").write_text("no video")
     with pytest.raises(UserError, match=r"^bad\.mp4"):
         build.build_video([tmp_path / "bad.mp4"], tmp_path / "dst", settings=settings())
     assert [path.name for path in tmp_path.iterdir()] == ["bad.mp4"]
@@ -213,7 +213,7 @@ def test_names_are_unique_and_speakers_are_folders(tmp_path):
         "b/x.txt",
     ):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).touch()
+        (tmp_path / name).write_text("any content")
     root, found = build.find_recordings([tmp_path, tmp_path / "y.webm"], without=tmp_path / "drawn")
     assert root == tmp_path
     assert [(video.name, video.speaker) for video in found] == [
