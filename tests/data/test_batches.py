@@ -12,6 +12,7 @@ from collections import namedtuple
 import numpy as np
 import pytest
 from fixtures.corpora import write_corpus
+from fixtures.processes import is_gone
 
 from ha2g_jax.data.augment import Augmentation
 from ha2g_jax.data.batches import batch_names, batches
@@ -206,27 +207,12 @@ def _start(folder: pathlib.Path, data: pathlib.Path, state: str) -> tuple[subpro
     return process, [int(pid) for pid in process.stdout.readline().split()]
 
 
-def _wait_for_end(pids: list[int]) -> None:
-    for pid in pids:
-        for _ in range(600):
-            try:
-                os.kill(pid, 0)
-            except ProcessLookupError:
-                break
-            status = pathlib.Path(f"/proc/{pid}/stat")
-            if status.exists() and status.read_text().rsplit(")", 1)[1].split()[0] == "Z":  # nobody collects it here
-                break
-            time.sleep(0.05)
-        else:
-            pytest.fail(f"process {pid} goes on")
-
-
 def test_workers_end_with_a_parent_that_is_killed(tmp_path, tiny_talk):
     process, workers = _start(tmp_path, tiny_talk, "working")
     assert len(workers) == 2
     process.kill()
     process.communicate()
-    _wait_for_end(workers)
+    assert all(map(is_gone, workers))
 
 
 def test_stop_signals_to_the_group_leave_workers_at_work(tmp_path, tiny_talk):
@@ -237,4 +223,4 @@ def test_stop_signals_to_the_group_leave_workers_at_work(tmp_path, tiny_talk):
     os.killpg(process.pid, signal.SIGINT)
     output, errors = process.communicate(timeout=120)
     assert (output, errors, process.returncode) == ("9\n", "", 0)
-    _wait_for_end(workers)  # although the program did not close the iterator
+    assert all(map(is_gone, workers))  # although the program did not close the iterator

@@ -7,6 +7,7 @@ import sys
 import time
 
 import pytest
+from fixtures.processes import is_gone
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.importers.video import runners
@@ -55,7 +56,7 @@ def test_every_item_comes_back_with_its_result_or_its_error(call, tmp_path):
     outcomes = dict(runners.local(call, items, 3))
     assert {item for item, outcome in outcomes.items() if isinstance(outcome, str)} == {"a", "b", "c", killed}
     assert outcomes[killed] == killed.upper()  # tried again
-    assert _is_gone(int((tmp_path / "killed").read_text()))  # what the killed one had started
+    assert is_gone(int((tmp_path / "killed").read_text()))  # what the killed one had started
     assert isinstance(outcomes["crash"], runners.WorkerDied) and "SIGSEGV" in str(outcomes["crash"])
     assert "ValueError: two lines [parallel_calls.py:" in str(outcomes["raise"])
     assert "SystemExit: 3" in str(outcomes["leave"])
@@ -72,7 +73,7 @@ def test_nothing_survives_an_interrupt(call, tmp_path):
         while not all(note.exists() and note.read_text() for note in notes):
             time.sleep(0.01)
     for note in notes:
-        assert all(_is_gone(int(number)) for number in note.read_text().split())
+        assert all(is_gone(int(number)) for number in note.read_text().split())
 
 
 @pytest.mark.usefixtures("call")
@@ -90,17 +91,4 @@ def test_workers_do_not_outlive_a_killed_caller(tmp_path):
         time.sleep(0.01)
     process.kill()
     process.wait()
-    assert all(_is_gone(int(number)) for number in note.read_text().split())
-
-
-def _is_gone(process: int) -> bool:
-    """Whether a process ends within some seconds; one that nobody has waited for yet counts as ended."""
-    for _ in range(500):
-        try:
-            with open(f"/proc/{process}/stat") as file:  # noqa: PTH123
-                if file.read().rpartition(")")[2].split()[0] == "Z":
-                    return True
-        except FileNotFoundError:
-            return True
-        time.sleep(0.02)
-    return False
+    assert all(is_gone(int(number)) for number in note.read_text().split())
