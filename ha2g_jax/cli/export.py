@@ -30,7 +30,6 @@ _OPTIONS = {
     **dict.fromkeys((".glb", ".vrma"), ("rig", "audio")),
     **dict.fromkeys((".bvh", ".json", ".csv", ".npz"), ("rig",)),
 }
-_ONE_MOTION = (".bvh", ".glb", ".vrma", ".json", ".csv", ".npz")
 
 
 def add_commands(commands: Any) -> None:
@@ -72,7 +71,7 @@ def _export(arguments: argparse.Namespace) -> None:
     every = {name: None for names in _OPTIONS.values() for name in names}
     refuse_others(arguments, _OPTIONS[suffix], tuple(every), suffix)
     check_kept([arguments.out], [*arguments.motions, arguments.audio, arguments.words])
-    if suffix in _ONE_MOTION:
+    if "rig" in _OPTIONS[suffix]:
         _export_motion(arguments, suffix)
     elif suffix == ".mp4":
         _write_video(arguments)

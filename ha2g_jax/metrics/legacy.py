@@ -24,7 +24,6 @@ LEGACY_FAILURE = 1e10
 
 _logger = logging.getLogger(__name__)
 
-VARIANTS = ("paper", "fixed")
 NUM_FRAMES = 34
 FPS = 15
 SIGMA = 0.1  # seconds
