@@ -268,13 +268,13 @@ def to_clips(
     pieces = _pieces(recording.words, 0, num_frames, fps, max_seconds * fps)
     report, clips = SplitReport(videos=1, clips=len(pieces)), []
     for number, (start, end) in enumerate(pieces, start=first):
-        clip = _cut(recording, start, end, fps, number)
-        choice = choose_windows(clip.positions, clip.words, skeleton, fps=fps, filters=filters)
+        part = cut(recording, start, end, fps)
+        choice = choose_windows(part.positions, part.words, skeleton, fps=fps, filters=filters)
         report.windows += len(choice.verdicts)
         report.kept += len(choice.starts)
         report.filtered += choice.filtered
         if choice.starts:
-            clips.append(dataclasses.replace(clip, window_starts=choice.starts))
+            clips.append(_clip(part, number, choice.starts))
         else:
             report.rejected[NO_WINDOW if choice.verdicts else TOO_SHORT] += 1
     return clips, report
@@ -312,9 +312,7 @@ def _pieces(words: tuple[Word, ...], start: int, end: int, fps: float, longest: 
     return _pieces(words, start, cut, fps, longest) + _pieces(words, cut, end, fps, longest)
 
 
-def _cut(recording: Recording, start: int, end: int, fps: float, number: int) -> Clip:
-    """Return the clip of frames [start, end), without windows; a word belongs to the clip in which it starts."""
-    part = cut(recording, start, end, fps)
+def _clip(part: Recording, number: int, window_starts: tuple[int, ...]) -> Clip:
     return Clip(
         id=f"{part.name}-{number}",
         speaker=part.speaker,
@@ -323,7 +321,7 @@ def _cut(recording: Recording, start: int, end: int, fps: float, number: int) ->
         positions=part.positions,
         reference_images=None,
         recording_start=part.start,
-        window_starts=(),
+        window_starts=window_starts,
         recording=part.name,
         confidence=part.confidence,
     )
