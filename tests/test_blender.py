@@ -96,9 +96,6 @@ def test_the_body_of_a_glb_is_read_whole(addon, tmp_path):
     ("name", "content"),
     [
         ("m.glb", b"no file of that kind, but long enough for its head"),
-        ("m.bvh", b"HIERARCHY\nROOT a\n{\nOFFSET 0 0 0\n}\n"),
-        ("m.json", b"[1, 2"),
-        ("m.fbx", b""),
         ("m.npz", b""),
     ],
 )
@@ -159,9 +156,6 @@ def test_names_that_fit_nothing_are_refused(addon, moving, tmp_path):
     own = addon.bone_names.read_names(tmp_path / "names.json")
     with pytest.raises(addon.motion.MotionError, match="no joint left_arm"):
         addon.bone_names.match(moving(), ["Bip01 L UpperArm"], own)
-    (tmp_path / "names.json").write_text('["left_arm"]')
-    with pytest.raises(addon.motion.MotionError, match="is not a table of names"):
-        addon.bone_names.read_names(tmp_path / "names.json")
 
 
 def pose_target(addon, target, fitted: dict[str, np.ndarray]) -> np.ndarray:

@@ -3,7 +3,6 @@
 import base64
 import io
 import json
-import re
 import zlib
 
 import av
@@ -20,7 +19,6 @@ from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import normalize
 from ha2g_jax.viewer import view
 from ha2g_jax.viewer.packing import LEVELS, PEAK_RATE, encode_sound, octahedral, pack_motion, peaks
-from ha2g_jax.viewer.page import three_library
 
 
 def content_of(text):
@@ -91,12 +89,6 @@ def test_what_cannot_be_shown_is_refused_in_one_line(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_three_js_comes_whole():
-    text = three_library().decode()
-    assert re.search(r"SPDX-License-Identifier: MIT", text)  # travels with every page
-    assert "OrbitControls" in text
-
-
 def test_one_page_of_several_files(tmp_path, capsys):
     """For mistakes see tests/cli/test_export."""
     names = ("other", "a/talk", "b/talk")
@@ -154,11 +146,6 @@ def test_a_motion_is_unpacked_in_the_axes_of_the_page(name):
     assert degrees_between(unfold(codes), motion.directions * AXES[name]).max() < 0.07
     assert packed["joints"] == list(motion.joint_names)
     assert packed["lengths"] == pytest.approx(motion.skeleton.lengths, abs=1e-5)
-
-
-def test_a_minute_takes_few_bytes():
-    packed = pack_motion(swaying(frames=900))
-    assert len(packed["directions"]) < 900 * 42 * 2 * 1.25 * 4 / 3  # bytes a number, in base64
 
 
 def test_peaks_lie_where_the_sound_is():

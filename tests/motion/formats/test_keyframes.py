@@ -86,34 +86,6 @@ def test_an_svg_shows_the_same_with_times_and_words_as_text(tmp_path):
     assert colours["<now>"] == colours["there"] == colours["c"] != colours["well"] == colours["far"]
 
 
-def test_figures_of_all_motions_are_of_one_size(tmp_path):
-    """One camera for all, far enough away for the widest pose of any."""
-    motion = gesturing()
-    directions = motion.directions.copy()
-    for side, x in (("left", 1), ("right", -1)):
-        for joint in ("elbow", "wrist"):
-            directions[60:, motion.skeleton.bone(f"{side}_{joint}")] = (x, -0.5, 0)
-    wide = Motion.from_directions(motion.skeleton, directions, 15)
-
-    def eye_heights(motions: Motion | dict[str, Motion]) -> list[float]:
-        keyframes.write(tmp_path / "s.svg", motions, count=4, size=200)
-        eyes = ElementTree.parse(tmp_path / "s.svg").getroot().findall(f"{SVG}svg/{SVG}polygon[@fill='#fafafa']")
-        return [np.ptp([float(corner.split(",")[1]) for corner in eye.get("points", "").split()]) for eye in eyes]
-
-    heights = eye_heights({"calm": motion, "wide": wide})
-    np.testing.assert_allclose(heights, heights[0], rtol=0.15)
-    assert eye_heights(motion)[0] > 1.4 * heights[0]
-
-
-def test_words_break_into_lines_that_fit(tmp_path):
-    words = [Word(f"word{number}", number / 20, (number + 1) / 20) for number in range(10, 160)]
-    keyframes.write(tmp_path / "s.svg", gesturing(), count=1, words=words, size=100)
-    root = ElementTree.parse(tmp_path / "s.svg").getroot()
-    lines = ["".join(text.itertext()) for text in root.findall(f"{SVG}text")][1:]
-    assert 1 <= len(lines) <= 3
-    assert all(line.count("word") <= 3 for line in lines)
-
-
 @pytest.mark.parametrize(("name", "size", "message"), [("s.jpg", 64, "png or .svg"), ("s.png", 9, "9 pixels")])
 def test_mistakes_are_named_and_leave_nothing(tmp_path, name, size, message):
     with pytest.raises(UserError, match=message):

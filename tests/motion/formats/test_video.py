@@ -107,16 +107,6 @@ def test_a_size_that_no_player_takes_is_refused(tmp_path, motion, size):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_interrupted_video_leaves_nothing(tmp_path, motion, monkeypatch):
-    def interrupt(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("ha2g_jax.motion.formats.video.paint", interrupt)
-    with pytest.raises(KeyboardInterrupt):
-        write_video(tmp_path / "v.mp4", motion, tone(1), size=64, has_progress=False)
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_motions_by_name_are_drawn_side_by_side_with_their_names(tmp_path, motion):
     still = Motion.from_directions(motion.skeleton, motion.directions[:1], 15)
     write_video(tmp_path / "v.mp4", {"left": motion, "right": still}, tone(1), size=128, has_progress=False)

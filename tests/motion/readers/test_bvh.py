@@ -198,49 +198,23 @@ def test_numbers_across_blocks(written, monkeypatch):
 MANY = "ROOT a {\nOFFSET 0 0 0\n" + "".join(f"JOINT j{i} {{\nOFFSET 0 1 0\nCHANNELS 1 Xrotation\n" for i in range(2000))
 WIDE = "".join(f"JOINT w{i} {{\nOFFSET 0 1 0\nCHANNELS 3 Xrotation Yrotation Zrotation\n}}\n" for i in range(100))
 HOSTILE = {
-    "empty": ("", "is an empty file"),
     "an image": (b"\x89PNG\r\n\x1a\n" + bytes(range(256)) * 40, "does not begin with HIERARCHY"),
     "zeros": (bytes(1 << 20), "line of 65536 characters"),
-    "no motion": (CHAIN[: CHAIN.index("MOTION")], "the file ends here"),
     "a ring of joints": (CHAIN.replace("JOINT hand", "JOINT base"), "line 11: a second joint 'base'"),
     "thousands of joints": ("HIERARCHY\n" + MANY, "more than 1000 joints"),
     "absurd channels": (CHAIN.replace("CHANNELS 3", "CHANNELS 999999", 1), "CHANNELS '999999', expected 0 to 6"),
-    "unknown channel": (CHAIN.replace("Zrotation", "Wrotation", 1), "Wrotation"),
-    "a channel twice": (CHAIN.replace("Zrotation", "Xrotation", 1), "expected different ones"),
-    "offset of words": (CHAIN.replace("OFFSET 0 1 0", "OFFSET up up up"), "OFFSET with 'up'"),
-    "offset of nothing": (CHAIN.replace("OFFSET 0 1 0", "OFFSET nan 1 0"), "OFFSET with 'nan'"),
-    "no offset": (CHAIN.replace("OFFSET 0 1 0", ""), "joint 'arm' has no OFFSET"),
-    "braces that do not close": (CHAIN.replace("}\nMOTION", "MOTION"), "before the skeleton is complete"),
-    "braces that close twice": (CHAIN.replace("}\nMOTION", "}\n}\nMOTION"), "found '}'"),
-    "a joint in an end site": (CHAIN.replace("OFFSET 1 0 0", "JOINT x {"), "JOINT is not allowed here"),
-    "a joint outside": (CHAIN.replace("ROOT base", "JOINT base"), "JOINT is not allowed here"),
     "a long name": (CHAIN.replace("ROOT base", "ROOT " + "base " * 99), "is not followed by {"),
     "nothing moves": (re.sub("CHANNELS.*", "CHANNELS 0", CHAIN), "it has no motion"),
-    **{
-        f"{count} frames": (CHAIN.replace("Frames: 3", f"Frames: {count}"), f"Frames: '{count}'")
-        for count in (-1, 0, 10**12)
-    },
     "a million frames": (CHAIN.replace("Frames: 3", "Frames: 1000000"), "holds 3 whole frames of 12 values"),
     "values beyond memory": (
         CHAIN.replace("JOINT hand", WIDE + "JOINT hand").replace("Frames: 3", "Frames: 2000000"),
         "2000000 frames of 312 channels, expected at most 30,000,000 numbers",
     ),
-    "a name of many letters": (CHAIN.replace("ROOT base", "ROOT " + "b" * 64_000), "a name of 64000 characters"),
     "a header without end": (CHAIN.replace("OFFSET 0 0 0", "\n" * (9 << 20)), "characters before the motion"),
-    "a number without end": (CHAIN.replace("OFFSET 0 0 0", "OFFSET 0 0 " + "1" * 10**6), "line of 65536 characters"),
-    "UTF-16": (CHAIN.encode("utf-16"), "does not begin with HIERARCHY"),
-    "NUL bytes": (CHAIN.replace("5 0 0 90", "5 0 0\x00 90"), "is '0\\x00'"),
     "frames of many digits": (CHAIN.replace("Frames: 3", f"Frames: {'9' * 5000}"), "expected a whole number"),
-    "no frame time": (CHAIN.replace("Frame Time: 0.1\n", ""), "Frame Time"),
-    **{
-        f"frame time {time}": (CHAIN.replace("Time: 0.1", f"Time: {time}"), f"Frame Time: '{time}'")
-        for time in ("0", "nan", "1e-300", "-0.1")
-    },
+    "no time": (CHAIN.replace("Time: 0.1", "Time: 0"), "Frame Time: '0'"),
     "cut off": (CHAIN[:-12], "holds 2 whole frames of 12 values, but its header declares 3"),
-    **{
-        word: (CHAIN.replace("5 0 0 90", f"5 0 {word} 90"), f"Zposition of base in frame 2 is '{word}'")
-        for word in ("nan", "1e999", "1e300", "-1.#IND", "5,5")
-    },
+    "no number": (CHAIN.replace("5 0 0 90", "5 0 nan 90"), "Zposition of base in frame 2 is 'nan'"),
     "a word without end": (CHAIN.replace("5 0 0 90", "1" * (1 << 21)), "a word of more than 65536 characters"),
 }
 

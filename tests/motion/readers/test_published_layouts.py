@@ -167,11 +167,6 @@ def test_embody_3d(embody, expected, tmp_path, caplog):
     _compare(corpus, expected)
 
 
-def test_embody_3d_has_sound_of_its_own(embody, tmp_path):
-    with pytest.raises(UserError, match="with their own sound; leave out --audio and --words"):
-        import_smplx(embody, tmp_path / "out", ImportOptions(audio=tmp_path / "a.wav"))
-
-
 def test_words_of_embody_3d_lie_beside_its_audio(embody, tmp_path):
     (sound,) = embody.rglob("*.wav")
     sound.with_suffix(".json").write_text(json.dumps({"segments": _segments()}))

@@ -142,25 +142,13 @@ def _bad_frame(value: float) -> np.ndarray:
 
 
 BAD = {
-    "no array": ({"betas": np.zeros(10)}, "no array poses or joints"),
     "body of SMPL": ({"poses": np.zeros((4, 72))}, r"poses has shape \(4, 72\); expected \(frames, 165\)"),
-    "no frames": ({"poses": np.zeros((0, 165))}, "poses has shape"),
-    "other joints": ({"joints": np.zeros((4, 25, 3))}, "joints has shape"),
     "nan": ({"poses": _bad_frame(np.nan)}, "frame 4 of poses"),
-    "complex numbers": ({"poses": np.zeros((4, 165), complex)}, "poses"),
-    "a number": ({"poses": np.array(3.0)}, "poses"),
-    "huge": ({"poses": _bad_frame(1e300)}, "frame 4 of poses"),
-    "text": ({"poses": np.full((4, 165), "a")}, "instead of numbers"),
     "hours": ({"poses": _poses(9000), "mocap_frame_rate": 1}, "150 minutes at 1 frames per second"),
     "endless": ({"joints": np.zeros((400_001, 55, 3), np.float16)}, "has 400001 frames"),
-    "no rate": ({"poses": _poses(4), "mocap_frame_rate": np.zeros(0)}, "mocap_frame_rate is"),
     "rate of 0": ({"poses": _poses(4), "mocap_frame_rate": 0}, "mocap_frame_rate is '0'"),
-    "rate in words": ({"poses": _poses(4), "mocap_frame_rate": "fast"}, "mocap_frame_rate is 'fast'"),
-    "endless rate": ({"poses": _poses(4), "mocap_frame_rate": np.nan}, "mocap_frame_rate is 'nan'"),
     "trans of other length": ({"poses": _poses(4), "trans": np.zeros((3, 3))}, r"trans has shape \(3, 3\)"),
-    "trans lost": ({"poses": _poses(4), "trans": np.full((4, 3), np.nan)}, "frame 1 of trans"),
     "millimetres": ({"joints": np.tile(BODY.points[:55] * 1000, (3, 1, 1))}, "metres, about 0.55"),
-    "one point": ({"joints": np.ones((3, 55, 3))}, "lie on one line"),
     "objects": ({"poses": np.array([None, 1])}, "Python objects"),
 }
 
@@ -179,8 +167,3 @@ def test_a_file_without_frame_rate_asks_for_it(tmp_path):
     with pytest.raises(UserError, match="--source-fps"):
         read_smplx(tmp_path / "a.npz", EXPRESSIVE, BODY, fps=15)
     assert read_smplx(tmp_path / "a.npz", EXPRESSIVE, BODY, fps=15, source_fps=60).seconds == pytest.approx(4 / 60)
-
-
-def test_a_way_up_that_is_along_the_shoulders_is_refused(tmp_path):
-    with pytest.raises(UserError, match="shoulders"):
-        _read(tmp_path, poses=_poses(4, pelvis=(0, 0, np.pi / 2)), up="y")
