@@ -103,11 +103,6 @@ def test_a_network_that_is_down_is_reported_once_and_the_others_go_on(clock, cap
     assert capsys.readouterr().err == "udp://127.0.0.1:9 misses frames: network is unreachable\n"
 
 
-def test_a_fault_of_a_sink_ends_the_run(clock):
-    with pytest.raises(ZeroDivisionError):
-        send(clock, in_time(5), Receiver(clock, fault=ZeroDivisionError()))
-
-
 def test_frames_that_wait_are_left_out_when_the_run_is_to_stop(clock):
     stop = StopFlag()
     clock.sleep = lambda seconds: stop.ask()

@@ -102,8 +102,6 @@ def test_mismatched_motion_is_of_another_clip_of_about_the_same_length(lengths):
     ("systems", "clips", "options", "message"),
     [
         (["a"], 3, {"parts": ["preference"]}, "compares two systems"),
-        (["a"], 1, {"parts": ["mismatch"]}, "another clip"),
-        (["a"], 3, {"parts": ["rating"], "attention": 6}, "expected 0 to 5"),
         (["a", "b"], 20_000, {"parts": ["rating"]}, "expected at most"),
     ],
 )

@@ -107,13 +107,6 @@ def test_sound_and_motion_are_cut_to_the_shortest(tmp_path, write_motions):
     assert {motion.num_frames for motions in cut.motions.values() for motion in motions.values()} <= {22, 23}
 
 
-def test_sound_may_lie_beside_the_motion_of_any_system(tmp_path, write_motions):
-    folders = write_motions(tmp_path)
-    for clip in CLIPS:
-        (tmp_path / "speech" / f"{clip}.wav").rename(tmp_path / SYSTEMS[1] / f"{clip.upper()}.wav")
-    assert set(read_sources(name_systems(folders)).durations.values()) == {SECONDS}
-
-
 def test_names_are_taken_as_they_are(tmp_path, write_motions, monkeypatch):
     monkeypatch.setattr(make, "write_video", lambda path, *_, **__: path.write_bytes(b"video"))
     clips = ("</script><b>", "a 'b' \"c\"", "x\ny", "a..%2f", "-o", "\udcff")  # the last is no UTF-8
@@ -149,19 +142,12 @@ def shorten(path):
 
 SPOILT = {
     "Secret Beta has no motion of clip-two, which": lambda root: (root / SYSTEMS[1] / "clip-two.npz").unlink(),
-    "clip-one.npz": lambda root: (root / SYSTEMS[0] / "clip-one.npz").write_bytes(b"PK no motion"),
     "no sound of clip-two": lambda root: (root / "speech" / "clip-two.wav").unlink(),
-    "out exists already; choose another folder": lambda root: (root / "out" / "before").mkdir(parents=True),
     "0.3 s of motion for 1.2 s of sound": lambda root: shorten(root / SYSTEMS[0] / "clip-one.npz"),
-    "consent.txt is empty": lambda root: (root / "consent.txt").write_text(" \n\n"),
 }
 WRONG_OPTIONS = {
     "3 clips of 2": ("--clips", "3"),
-    "expected 1 to 120 s": ("--clip-seconds", "0.1"),
     "even sides": ("--size", "63"),
-    "the title has 1 characters": ("--title", "\n"),
-    "no folder at": ("--speech", "{root}/nowhere"),
-    "consent.txt is empty": ("--consent", "{root}/consent.txt"),
 }
 
 
