@@ -84,27 +84,10 @@ def test_slurm_tasks_share_the_devices_of_their_node(nodes, visible, devices, jo
     assert (call["cluster_detection_method"], call["local_device_ids"]) == ("slurm", devices)
 
 
-WRONG = {
-    "no coordinator": ((None, 2, 0), "add --coordinator"),
-    "only a coordinator": (("node1:1", None, None), "add --num_processes and --process_id"),
-    "no port": (("node1", 2, 0), "HOST:PORT, such as"),
-    "one too far": (("node1:1", 2, 2), "process_id is 2 of 2 processes"),
-    "negative": (("node1:1", 2, -1), "process_id is -1"),
-    "the second of one": (("node1:1", 1, 1), "process_id is 1 of 1"),
-}
-
-
-@pytest.mark.parametrize(("flags", "message"), WRONG.values(), ids=WRONG)
-def test_flags_that_do_not_fit_together_are_refused(flags, message, joined):
-    with pytest.raises(UserError, match=re.escape(message)):
-        hosts.start(*flags)
+def test_flags_that_do_not_fit_together_are_refused(joined):
+    with pytest.raises(UserError, match="process_id is 2 of 2 processes"):
+        hosts.start("node1:1", 2, 2)
     assert not joined
-
-
-def test_a_variable_that_is_no_number_is_named(joined, monkeypatch):
-    monkeypatch.setenv("JAX_NUM_PROCESSES", "two")
-    with pytest.raises(UserError, match="JAX_NUM_PROCESSES='two'"):
-        hosts.start("node1:1", None, 0)
 
 
 def test_processes_that_do_not_come_are_waited_for_only_so_long(joined, monkeypatch):
@@ -114,15 +97,6 @@ def test_processes_that_do_not_come_are_waited_for_only_so_long(joined, monkeypa
     with pytest.raises(UserError, match="not all processes of the run have joined at node1:1"):
         hosts.start("node1:1", 2, 1)
     released.set()
-
-
-def test_a_port_that_is_taken_is_named(joined, monkeypatch):
-    def initialize(**_):
-        raise jax.errors.JaxRuntimeError("UNKNOWN: Failed to start RPC server")
-
-    monkeypatch.setattr(jax.distributed, "initialize", initialize)
-    with pytest.raises(UserError, match=r"cannot join the run at node1:1 \(UNKNOWN: .*\): check that the port is free"):
-        hosts.start("node1:1", 2, 0)
 
 
 PRINT_PLACE = """

@@ -150,18 +150,6 @@ def test_the_terms_that_are_not_finite_are_named(start, lines):
         log.flush()
 
 
-def test_the_bar_says_when_data_are_late(lines, clock):
-    with tqdm.tqdm(total=4) as bar:
-        log = StepLog(lines, bar, batch_size=4, is_due=lambda step: step == 3)
-        for step in (1, 2, 3, 4):
-            with log.waiting():
-                clock(0.1)
-            with log.stepping():
-                clock(0.9)
-            log.add(step, _metrics(0.5))
-        assert bar.n == 3 and bar.postfix == "huber 0.5000, 4 windows/s, 10 % waiting for data"
-
-
 @pytest.fixture
 def config():
     return presets.sized("ted_gesture", "debug")
@@ -236,12 +224,3 @@ def test_without_tensorboard_the_metrics_are_written_and_one_line_says_so(write,
     printed = capsys.readouterr().err
     assert printed.count("\n") == 1 and "pip install 'ha2g-jax[report]'" in printed
     assert [path.name for path in tmp_path.iterdir()] == [METRICS]
-
-
-def test_some_lines_and_the_last_can_be_read_alone(tmp_path):
-    path = tmp_path / METRICS
-    path.write_text(
-        '{"step": 1, "x": 1}\n{"step": 2, "y": 2}\n{"step": 3, "x": 3}\n{"step": 4, "x": 4}\n{"step": 5, "y"'
-    )
-    assert [line["step"] for line in read_metrics(path, '"y"')] == [2, 4]
-    assert [line["step"] for line in read_metrics(path, '"x"')] == [1, 3, 4]

@@ -129,13 +129,9 @@ def test_any_checkpoint_can_be_exported(run, tmp_path):
         loading.load(run / "latest" / "3")
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [({"batch_size": 100_000}, "more than the"), ({"steps": 0}, "a whole number from 1"), ({"devices": 99}, "not 99")],
-)
-def test_settings_that_cannot_be_used_leave_nothing_behind(config_for, tmp_path, settings, message):
-    with pytest.raises(UserError, match=message):
-        loop.train(config_for(**settings), tmp_path / "run")
+def test_settings_that_cannot_be_used_leave_nothing_behind(config_for, tmp_path):
+    with pytest.raises(UserError, match="there are 8 devices, not 99"):
+        loop.train(config_for(devices=99), tmp_path / "run")
     assert not (tmp_path / "run").exists()
 
 

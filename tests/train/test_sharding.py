@@ -99,11 +99,6 @@ def test_what_was_replicated_stays_valid_when_the_copy_is_given_up(original):
     assert all(np.all(np.asarray(shard.data) == 1) for shard in added.addressable_shards)
 
 
-def test_batch_that_does_not_split_is_refused(make_batch):
-    with pytest.raises(UserError, match="batch of 6 does not split over 8 devices"):
-        sharding.shard_batch(sharding.data_mesh(), make_batch(processes.sgd_objective("ha2g"), 6))
-
-
 def test_hosts_with_unequal_devices_are_refused(monkeypatch):
     monkeypatch.setattr(jax, "process_count", lambda: 2)  # the second host brings none of these devices
     with pytest.raises(UserError, match=r"hosts have 8, 0 devices.* --config\.train\.devices=0"):
