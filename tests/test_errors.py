@@ -1,14 +1,8 @@
 """A package that is missing is named in one line, with the extra that installs it."""
 
-import sys
-
 import pytest
 
 from ha2g_jax.errors import UserError, require
-
-
-def test_a_package_that_is_there_is_imported():
-    assert require("json.decoder", "live") is sys.modules["json.decoder"]
 
 
 def test_a_package_that_is_missing_is_named_with_its_extra(monkeypatch, tmp_path):

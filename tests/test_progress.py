@@ -6,7 +6,6 @@ import sys
 import time
 
 import pytest
-from tqdm import tqdm
 
 from ha2g_jax import progress
 
@@ -27,13 +26,6 @@ def test_quick_work_prints_nothing_where_there_is_no_terminal(capsys):
     with progress.stage("loading the model"), progress.progress_bar("frames", 3, "frame") as bar:
         bar.update(3)
     assert capsys.readouterr().err == ""
-
-
-def test_a_line_written_beside_a_bar_is_the_only_one(capsys):
-    with progress.progress_bar("files", 3, "file") as bar:
-        bar.update()
-        tqdm.write("skipping a.txt", file=sys.stderr)
-    assert capsys.readouterr().err == "skipping a.txt\n"
 
 
 @pytest.mark.usefixtures("quick")
@@ -64,9 +56,3 @@ def test_a_terminal_shows_a_clock_at_once_and_is_left_clean(monkeypatch):
         time.sleep(0.05)
         assert terminal.getvalue().count("loading the model") >= 2
     assert terminal.getvalue().split("\r")[-1].strip() == "" and "\n" not in terminal.getvalue()
-
-
-def test_an_error_passes_and_ends_the_clock(capsys):
-    with pytest.raises(KeyboardInterrupt), progress.stage("loading the model"):
-        raise KeyboardInterrupt
-    assert capsys.readouterr().err == ""

@@ -93,8 +93,3 @@ def test_only_the_files_of_a_model_are_fetched_and_none_that_is_too_large(server
 def test_names_of_another_form_are_refused_before_the_network(name):
     with pytest.raises(UserError, match="not the name of a model on the Hub"):
         hub.parse_name(name)
-
-
-def test_a_licence_is_a_name(server):
-    assert cli.main(["publish", "demo", "ada/talker", "--license", "a\nb: c"]) == 2
-    assert not server.commits

@@ -12,7 +12,6 @@ import safetensors.numpy
 from ha2g_jax.checkpoint import assets as assets_module
 from ha2g_jax.checkpoint import loading, model_folder, weights
 from ha2g_jax.errors import UserError
-from ha2g_jax.limits import MAX_HEADER_BYTES
 
 
 @pytest.fixture
@@ -58,13 +57,6 @@ def test_weights_are_written_without_a_copy_and_have_the_hash_of_their_file(tmp_
     assert weights.hash_of(variables) == weights.hash_of_file(tmp_path / "half.safetensors")
 
 
-def test_too_many_weights_leave_nothing(debug_model, tmp_path, monkeypatch):
-    monkeypatch.setattr(weights, "MAX_WEIGHTS_BYTES", MAX_HEADER_BYTES + 1000)
-    with pytest.raises(UserError, match="use a smaller model"):
-        model_folder.save(tmp_path / "new", debug_model.config, debug_model.assets, debug_model.variables)
-    assert not list(tmp_path.iterdir())
-
-
 def test_nothing_is_overwritten(debug_model, folder):
     with pytest.raises(UserError, match="exists already"):
         model_folder.save(folder, debug_model.config, debug_model.assets, debug_model.variables)
@@ -99,33 +91,16 @@ def _assets(**changes):
 DAMAGE = {
     "truncated weights": (_truncate, "model.safetensors is damaged"),
     "one bit of the weights": (_other_weights, "model.safetensors has hash"),
-    "empty weights": (
-        lambda folder: (folder / "model.safetensors").write_bytes(b""),
-        "model.safetensors is an empty file",
-    ),
     "another shape": (
         _edit("config.json", lambda config: config["model"]["inferer"].update(hidden_dim=9)),
         "has shape .* instead of",
     ),
-    "more tensors": (_edit("config.json", lambda config: config["model"]["text"].update(layers=9)), "is missing"),
     "no config": (lambda folder: (folder / "config.json").unlink(), "config.json is missing"),
-    "config is no JSON": (lambda folder: (folder / "config.json").write_text("{"), "config.json is damaged"),
-    "no skeleton": (_edit("config.json", lambda config: config.pop("skeleton")), "config.json is damaged"),
     "assets are no JSON": (lambda folder: (folder / "assets.json").write_text("[]"), "assets.json is damaged"),
-    "no start poses": (_assets(seed_poses=[]), "seed_poses has shape"),
-    "short statistics": (
-        _edit("assets.json", lambda assets: assets["skeleton"]["lengths"].pop()),
-        "lengths has shape",
-    ),
     "unknown skeleton": (_edit("assets.json", lambda assets: assets["skeleton"].update(name="dog")), "'dog'"),
     "later version": (_assets(schema_version=9), "schema version 9"),
-    "long start poses": (_assets(seed_poses=[[[[0.0] * 3] * 42] * 2]), "start poses of 2 frames instead of 4"),
     "many start poses": (_assets(seed_poses=[[[[0.0] * 3] * 42] * 4] * 1200), "1200 start poses instead of at most"),
-    "another style": (_assets(speakers={"ada": [0.0] * 17}), "style of 'ada' has shape"),
-    "no style": (_assets(speakers={"ada": []}), "style of 'ada' has shape"),
     "a style that is not finite": (_assets(speakers={"ada": [float("nan")] * 18}), "not finite"),
-    "words in one": (_assets(vocabulary="one two"), "not a list of words"),
-    "a number as hash": (_assets(hash=5), "hash"),
 }
 
 

@@ -132,13 +132,8 @@ def refused(folder, message):
     ("change", "message"),
     [
         ({"model_type": "wav2vec2"}, "model_type 'wav2vec2'; expected a Whisper model"),
-        ({"activation_function": "relu"}, "activation_function 'relu'"),
-        ({"encoder_layers": "4"}, "encoder_layers '4'; expected a whole number from 1"),
-        ({"d_model": True}, "d_model True"),
         ({"encoder_attention_heads": 3}, "d_model 8 and 3 encoder_attention_heads"),
         ({"encoder_layers": 3}, r"no tensor model\.encoder\.layers\.2\..*config\.json asks for"),
-        ({"encoder_ffn_dim": 32}, r"layers\.0\.fc.*expected .*32.* from config\.json"),
-        ({"num_mel_bins": 80}, r"conv1\.weight of shape \(8, 6, 3\), expected \(8, 80, 3\)"),
     ],
 )
 def test_configs_that_do_not_fit(folder, change, message):
@@ -160,21 +155,11 @@ def test_files_that_are_damaged_or_missing(folder, tmp_path):
     refused(tmp_path / "nowhere", r"no file .*config\.json; expected a folder with config\.json and model\.safetensors")
 
 
-@pytest.mark.parametrize(
-    "index", [{}, {"weight_map": []}, {"weight_map": {"model.encoder.conv1.weight": "../a.safetensors"}}]
-)
-def test_a_damaged_index(folder, tensors, index):
+def test_a_damaged_index(folder, tensors):
     shard(folder, tensors)
+    index = {"weight_map": {"model.encoder.conv1.weight": "../a.safetensors"}}
     (folder / "model.safetensors.index.json").write_text(json.dumps(index))
     refused(folder, "has no weight_map from tensors to files beside it")
-
-
-def test_an_index_that_promises_too_much(folder, tensors):
-    shard(folder, tensors)
-    index = folder / "model.safetensors.index.json"
-    places = json.loads(index.read_text())["weight_map"]
-    index.write_text(json.dumps({"weight_map": dict.fromkeys(places, "a.safetensors")}))
-    refused(folder, r"a\.safetensors is damaged")
 
 
 def test_tensors_that_do_not_fit(tensors, tmp_path):
@@ -184,8 +169,6 @@ def test_tensors_that_do_not_fit(tensors, tmp_path):
         (name, np.zeros((20, 8)), r"fc2\.weight of shape \(20, 8\), expected \(8, 20\)"),
         (name, np.full((8, 20), np.inf), r"fc2\.weight that are not finite"),
         (positions, tensors[positions] + 0.1, "not Whisper's sinusoids"),  # trained
-        (positions, tensors[positions][:, :6], "not Whisper's sinusoids"),
-        (positions, tensors[positions][0], "not Whisper's sinusoids"),
     ):
         others = {key: tensor for key, tensor in tensors.items() if key != changed}
         refused(write(tmp_path, others if value is None else others | {changed: value}), message)

@@ -42,21 +42,12 @@ def test_every_argument_says_what_it_is(name):
     assert COMMANDS[name].format_help()  # a stray % in a help text would fail here
 
 
-@pytest.mark.parametrize(
-    ("arguments", "command"),
-    [
-        (["generate", "a.wav"], "ha2g generate"),
-        (["export", "a.npz", "-o", "a.bvh"], "ha2g export"),
-        (["data", "inspect", "a"], "ha2g data inspect"),
-        (["data", "split", "a", "b"], "ha2g data split"),
-    ],
-)
-def test_an_unknown_flag_is_answered_with_the_usage_of_its_command(arguments, command, capsys):
+def test_an_unknown_flag_is_answered_with_the_usage_of_its_command(capsys):
     with pytest.raises(SystemExit) as stop:
-        cli.main([*arguments, "--nope", "3"])
+        cli.main(["data", "split", "a", "b", "--nope", "3"])
     printed = capsys.readouterr().err
-    assert stop.value.code == 2 and printed.startswith(f"usage: {command} ")
-    assert re.search(rf"{command}: error: unknown arguments: --nope.*; see {command} --help\n$", printed)
+    assert stop.value.code == 2 and printed.startswith("usage: ha2g data split ")
+    assert re.search(r"ha2g data split: error: unknown arguments: --nope.*; see ha2g data split --help\n$", printed)
 
 
 def test_version(capsys):

@@ -37,16 +37,6 @@ def run(*arguments) -> None:
     parsed.run(parsed)
 
 
-def test_export_hands_rig_and_length_of_the_sound_on(files, tmp_path, monkeypatch):
-    calls = []
-    monkeypatch.setattr("ha2g_jax.motion.formats.export", lambda *args, **options: calls.append((args, options)))
-    run("export", files / "a.npz", "-o", tmp_path / "x.glb", "--rig", "mixamo", "--audio", files / "speech.wav")
-    ((motion, path), options) = calls[0]
-    assert motion.num_frames == 15
-    assert path == tmp_path / "x.glb"
-    assert options == {"rig": "mixamo", "audio_seconds": 1.0}
-
-
 def test_video_of_several_motions_with_sound(files, tmp_path, capfd):
     out = tmp_path / "x.mp4"
     run("export", files / "a.npz", files / "b.npz", "--audio", files / "speech.wav", "-o", out, "--size", "160x96")
@@ -102,9 +92,7 @@ def test_motions_go_by_the_names_of_their_files_and_if_need_be_folders(files):
 
 
 MISTAKES = {
-    "missing": (["export", "{}/none.npz", "-o", "{out}/x.bvh"], "no file at"),
     "not a motion": (["export", "{}/text.npz", "-o", "{out}/x.bvh"], "is not a whole .npz"),
-    "rig": (["export", "{}/a.npz", "-o", "{out}/x.bvh", "--rig", "robot"], "robot"),
     "overwrites": (["export", "{}/a.npz", "-o", "{}/a.npz"], "overwrite"),
     "no such suffix": (["export", "{}/a.npz", "-o", "{out}/x.avi"], "expected one of .mp4, .html"),
     "option of a page": (
@@ -112,12 +100,7 @@ MISTAKES = {
         "--words does not apply to .mp4",
     ),
     "two motions": (["export", "{}/a.npz", "{}/b.npz", "-o", "{out}/x.bvh"], "holds one motion, not 2"),
-    "size": (["export", "{}/a.npz", "-o", "{out}/x.mp4", "--size", "big"], "WIDTHxHEIGHT"),
     "odd size": (["export", "{}/a.npz", "-o", "{out}/x.mp4", "--size", "101x100"], "even sides"),
-    "no sound": (["export", "{}/a.npz", "-o", "{out}/x.mp4", "--audio", "{}/words.tsv"], "words.tsv"),
-    "same names": (["export", "{}/a.npz", "{}/a.npz", "-o", "{out}/x.mp4"], "contains a motion twice"),
-    "figure suffix": (["export", "{}/a.npz", "-o", "{out}/x.pdf"], ".png, .svg"),
-    "words": (["export", "{}/a.npz", "-o", "{out}/x.png", "--words", "{}/speech.wav"], "not a transcript"),
 }
 
 

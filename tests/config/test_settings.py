@@ -35,22 +35,13 @@ def test_the_settings_of_a_method_are_possible_and_all_that_its_config_has(metho
     ("name", "value", "expected"),
     [
         ("train.steps", MAX_SETTING + 1, "a whole number from 1"),
-        ("train.steps", True, "a whole number"),
-        ("train.learning_rate", -1e-3, "a number from 0"),
-        ("train.clip_norm", float("inf"), "a number from 0"),
         ("train.ema", 1.0, "a number from 0 to below 1"),
-        ("train.betas", (0.9,), "a list of 2"),
         ("train.accumulate", 3, "a divisor of config.train.batch_size, 4"),
         ("train.best_by", "loss/mse", "one of loss/contrastive, loss/gan"),
-        ("data.mirror", 2.0, "a number from 0 to 1"),
         ("data.noise_snr_db", (20.0, 10.0), "a lower and an upper bound"),
-        ("data.fps", 60, "a whole number from 15 to 30"),
         ("data.num_seed_frames", 18, "a whole number from 1 to 17"),
-        ("model.audio.levels", (), "one or more of low, mid, high"),
         ("model.audio.resnet_se.channels", (8, 8, 18, 32), "the third a multiple of 4"),
         ("model.audio.whisper.heads", 5, "an even multiple of the heads"),
-        ("loss.ha2g.huber_delta", 0.0, "a number above 0"),
-        ("method", "gpt", "one of ha2g, seq2seq"),
     ],
 )
 def test_a_value_that_is_not_possible_is_named_with_what_is(config, name, value, expected):
@@ -87,20 +78,14 @@ def test_a_stored_config_has_the_defaults_of_what_it_lacks():
     settings.check(config, is_trained=False)
 
 
-@pytest.mark.parametrize("values", [[], "text", {}, {"skeleton": 5}, {"skeleton": "ted_gesture", "data": 3}])
+@pytest.mark.parametrize("values", [[], {"skeleton": "ted_gesture", "data": 3}])
 def test_other_values_are_no_config(values):
     with pytest.raises(ValueError):
         settings.from_json(values)
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"model.audoi.kind": "x"}, "no setting 'model.audoi.kind'"),
-        ({"model.audio.kind.more": "x"}, "no setting 'model.audio.kind.more'"),
-        ({"train.steps": "abc"}, "train.steps cannot be 'abc'; expected a value like"),
-    ],
-)
-def test_a_change_that_does_not_fit_is_named(config, changes, message):
-    with pytest.raises(UserError, match=message):
-        settings.change(config, changes)
+def test_a_change_that_does_not_fit_is_named(config):
+    with pytest.raises(UserError, match=r"no setting 'model\.audoi\.kind'"):
+        settings.change(config, {"model.audoi.kind": "x"})
+    with pytest.raises(UserError, match=r"train\.steps cannot be 'abc'; expected a value like"):
+        settings.change(config, {"train.steps": "abc"})

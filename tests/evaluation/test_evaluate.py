@@ -1,7 +1,6 @@
 """An evaluation always shows what its scores are worth: sanity rows, intervals, flags, and refusals to compare."""
 
 import dataclasses
-import hashlib
 
 import numpy as np
 import pytest
@@ -9,9 +8,7 @@ import pytest
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.evaluate import beat_rates, compare, evaluate, won_metrics
 from ha2g_jax.evaluation.rows import make_rows
-from ha2g_jax.metrics import frechet
-from ha2g_jax.metrics.frechet import RecordingMoments
-from ha2g_jax.metrics.row import Cut, Latents, choose_cut
+from ha2g_jax.metrics.row import Cut, choose_cut
 from ha2g_jax.metrics.sanity import (
     FROZEN,
     HALF,
@@ -156,17 +153,6 @@ def test_the_same_seed_gives_the_same_results(results, skeleton, perform, refere
     assert evaluate(rows, reference, skeleton, autoencoder=features, draws=DRAWS) == results
 
 
-def test_inputs_are_not_changed(skeleton, perform, features):
-    reference, late = perform(6), perform(6, delay=0.25)
-    for clip in (*reference, *late):
-        clip.directions.setflags(write=False)
-        assert clip.onsets is not None
-        clip.onsets.setflags(write=False)
-    before = [hashlib.sha256(clip.directions.tobytes()).hexdigest() for clip in (*reference, *late)]
-    evaluate({"late": late}, reference, skeleton, autoencoder=features, draws=2)
-    assert [hashlib.sha256(clip.directions.tobytes()).hexdigest() for clip in (*reference, *late)] == before
-
-
 def test_without_an_autoencoder_it_says_how_to_train_one(skeleton, perform):
     results = evaluate({"late": perform(6, delay=0.25)}, perform(6), skeleton, draws=2)
     assert not {"fgd", "diversity_l1"} & results["rows"]["late"].keys()
@@ -245,18 +231,8 @@ def test_what_cannot_be_evaluated_is_refused(skeleton, perform, features):
 
     with pytest.raises(UserError, match="nothing to evaluate"):
         attempt({})
-    with pytest.raises(UserError, match="as a sanity row is"):
-        attempt({FROZEN: clips})
-    with pytest.raises(UserError, match="no clip has motion by all methods"):
-        attempt({"a": [dataclasses.replace(clip, id="other") for clip in clips]})
-    with pytest.raises(UserError, match="less than 12 frames"):
-        attempt({"a": perform(6, 10)})
     with pytest.raises(UserError, match="one rate at a time"):
         attempt({"a": [dataclasses.replace(clip, fps=30.0) for clip in clips]})
-    with pytest.raises(UserError, match="clips twice"):
-        attempt({"a": clips}, clips + clips)
-    with pytest.raises(UserError, match="not numbers"):
-        attempt({"a": [dataclasses.replace(clip, directions=np.full_like(clip.directions, np.nan)) for clip in clips]})
     with pytest.raises(UserError, match="auto-encoder is of the skeleton ted_gesture at 30"):
         attempt({"a": clips}, autoencoder=dataclasses.replace(features, fps=30.0))
 
@@ -270,19 +246,6 @@ def test_results_of_two_autoencoders_are_not_compared(results):
     same = compare(results, results)
     assert same["late"]["fgd"]["difference"] == 0
     assert same["late"]["fgd"]["first"] == results["rows"]["late"]["fgd"]
-
-
-def test_moments_of_drawn_sources_are_those_of_their_latents():
-    random = np.random.default_rng(0)
-    members = np.repeat(np.arange(5), [3, 1, 4, 2, 5])
-    latents = random.standard_normal((len(members), 3)) * (1, 5, 0.1) + 100
-    counts = np.array([2, 0, 1, 0, 3])
-    found = Latents(latents, members, np.arange(len(members)), Cut("fgd", 4, 34))
-    pooled = RecordingMoments(found, 5).pool(counts)
-    direct = frechet.moments(np.repeat(latents, counts[members], axis=0))
-    assert pooled.count == direct.count
-    np.testing.assert_allclose(pooled.mean, direct.mean, rtol=1e-12)
-    np.testing.assert_allclose(pooled.scatter, direct.scatter, rtol=1e-9)
 
 
 def test_mismatched_speech_is_another_sources(skeleton, perform, reference):

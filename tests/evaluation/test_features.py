@@ -9,7 +9,6 @@ import pytest
 from ha2g_jax.checkpoint import loading, model_folder
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.config import presets
-from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.features import PoseFeatures
 from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.methods import build, variable_shapes
@@ -66,10 +65,3 @@ def test_the_id_is_the_hash_of_the_weights(folder):
     assert features.id == hashlib.sha256((folder / model_folder.WEIGHTS).read_bytes()).hexdigest()
     assert features.id.startswith(loading.load(folder).assets.hash)
     assert (features.skeleton.name, features.fps) == ("ted_gesture", 15)
-
-
-def test_another_model_is_refused():
-    with pytest.raises(
-        UserError, match=r"no model in demo: nothing is there; expected .* of a pose auto-encoder, as none comes with"
-    ):
-        PoseFeatures("demo")

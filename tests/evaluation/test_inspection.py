@@ -4,12 +4,8 @@ import numpy as np
 import pytest
 
 from ha2g_jax import synthesis
-from ha2g_jax.config import presets
-from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation import inspection
 from ha2g_jax.features.text import Word
-from ha2g_jax.methods import build
-from ha2g_jax.synthesis import Model
 
 WORDS = (Word("one", 0.3, 0.6), Word("two", 1.2, 1.5), Word("three", 2.6, 2.9))
 
@@ -61,13 +57,3 @@ def test_similarities_are_cosines_of_words_and_their_sounds(debug_model, speech)
     lengths = np.linalg.norm(text, axis=1)[:, None] * np.linalg.norm(high, axis=1)[None]
     np.testing.assert_allclose(found["high"], text @ high.T / lengths, atol=1e-5)
     assert all(np.abs(level).max() <= 1 + 1e-5 for level in found.values())
-
-
-def test_words_beyond_the_sound_and_other_methods_are_refused(debug_model, speech):
-    with pytest.raises(UserError, match="a word starts in frame 75 of 60"):
-        inspection.word_similarities(debug_model, speech, (Word("one", 5.0, 5.2),))
-    config = presets.make("talk", "debug", "speech2gesture")
-    spec = build(config, debug_model.assets.skeleton, 2, 2)
-    other = Model(spec, {}, debug_model.assets, config)
-    with pytest.raises(UserError, match="speech2gesture, not HA2G"):
-        inspection.audio_blend(other, np.zeros((1, 18), np.float32))

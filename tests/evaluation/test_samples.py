@@ -90,15 +90,3 @@ def test_weights_that_are_not_finite_are_a_line_and_no_file(write, debug_model, 
     said = capsys.readouterr().err
     assert said.count("\n") == 1 and "step 7" in said and "not finite" in said
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_folder_that_cannot_be_written_is_a_line(write, tmp_path, capsys):
-    (tmp_path / "samples").write_text("a file")
-    write(folder=tmp_path / "samples")
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1 and "samples" in said
-
-
-def test_a_mistake_in_the_program_is_not_hidden(write, clip):
-    with pytest.raises(IndexError, match="out of bounds"):
-        write(clip=dataclasses.replace(clip, positions=clip.positions[:, :2]))

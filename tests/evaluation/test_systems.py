@@ -101,14 +101,3 @@ def test_the_protocol_of_beat2_ranks_systems_of_smplx_files(folders, capsys):
     assert rows["ground truth"]["beat2_bc"]["value"] > rows["mismatched speech"]["beat2_bc"]["value"]
     assert cli.main(arguments) == 0
     assert "Protocol BEAT2" in capsys.readouterr().out
-
-
-def test_the_protocol_of_beat2_takes_smplx_only(folders, tmp_path, capsys):
-    from ha2g_jax.motion.readers import read_motion
-
-    (tmp_path / "own").mkdir()
-    for clip in range(2):
-        read_motion(folders / "good" / f"talk{clip}.npz").save(tmp_path / "own" / f"talk{clip}.npz")
-    arguments = ["--motion", str(tmp_path / "own"), "--reference", str(folders / "true"), "--protocol", "beat2"]
-    assert cli.main(["evaluate", *arguments]) == 2
-    assert "the protocol beat2 scores SMPL-X only" in capsys.readouterr().err

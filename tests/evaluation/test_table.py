@@ -69,11 +69,3 @@ def test_results_have_a_part_for_each_section_and_name_their_inputs(results):
         first, second = (text.index(f"\n{heading}\n") for heading in headings)
         assert text.count("white jitter") == 2 * text[first:second].count("white jitter") > 2
     assert section_table(results) in table and section_markdown(results) in markdown
-
-
-def test_a_score_that_is_not_registered_is_an_error(results):
-    rows = results["rows"] | {"late": results["rows"]["late"] | {"hand_speed": {"value": 1.0, "low": 0.9, "high": 1.1}}}
-    section = results | {"rows": rows}
-    for form in (section_table, section_markdown, lambda section: make_results({}, {"all": section})):
-        with pytest.raises(UserError, match="no metric is registered as 'hand_speed'"):
-            form(section)

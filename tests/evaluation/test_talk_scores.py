@@ -20,7 +20,6 @@ from ha2g_jax.evaluation.talk_scores import (
     Trial,
     Truth,
     beat_counts,
-    has_known_causes,
     predict_classes,
     score_known_causes,
     semantic_floors,
@@ -92,15 +91,6 @@ def test_a_model_that_reads_words_is_scored_without_them_too(debug_model, tiny_t
     assert list(rows) == [ROWS[0], "model, no words", *ROWS[1:]]
     assert rows["model"]["semantic_recall"]["value"] > 0.9
     assert rows["model, no words"] == rows["mean pose"]
-
-
-def test_a_corpus_without_known_strokes_is_refused(debug_model, tiny_talk, monkeypatch):
-    corpus = Corpus.open(tiny_talk)
-    assert has_known_causes(corpus)
-    bare = [dataclasses.replace(clip, strokes=()) for clip in corpus.clips("test")]
-    monkeypatch.setattr(Corpus, "clips", lambda self, split: bare)
-    with pytest.raises(UserError, match="does not know its strokes"):
-        score(debug_model, corpus, ["test"])
 
 
 def truth_of(name: str, hits: np.ndarray, words: tuple[Stroke, ...] = ()) -> Truth:

@@ -2,7 +2,6 @@
 
 import json
 import os
-import pathlib
 import shutil
 import signal
 import threading
@@ -84,13 +83,6 @@ def test_the_recogniser_s_weights_are_of_one_row(request_, corpus):
     assert plan.rows["HA2G-ASR"][0].config.model.audio.weights == "w"
 
 
-def test_a_row_that_lacks_an_input_is_left_out_and_named(request_, capsys):
-    is_whole, report = run_study(request_._replace(table="table3", seeds=(0,)), FakeRuns())
-    line = "HA2G-ASR: it needs the weights of Whisper: --changes model.audio.weights=FOLDER"
-    assert is_whole and f"## Left out\n\n- {line}" in report
-    assert "HA2G-ASR is left out: it needs" in capsys.readouterr().err
-
-
 def test_a_failed_run_is_reported_and_tried_again(request_):
     is_whole, report = run_study(request_, FakeRuns(unlucky=("trimodal",)))
     assert not is_whole
@@ -163,10 +155,7 @@ def test_a_signal_stops_and_the_same_request_continues(request_):
     ("change", "message"),
     [
         ({"table": "gesture_ablation"}, "choose table4"),
-        ({"table": "table4", "data": "ted_gesture"}, "choose gesture_ablation"),
         ({"changes": {"train.stps": 3}}, "no setting 'train.stps'"),
-        ({"changes": {"train.steps": "many"}}, "train.steps cannot be 'many'"),
-        ({"data": "talk"}, "no clips in the split test_unseen_speakers"),
         ({"has_training": False}, "leave out --no-train"),
     ],
 )
@@ -177,42 +166,11 @@ def test_a_request_that_cannot_be_met_starts_nothing(request_, change, message):
     assert not runs.workers
 
 
-def test_flags_become_a_request(monkeypatch, tmp_path, capsys):
-    calls = []
-    monkeypatch.setattr(command, "reproduce", lambda *arguments: calls.append(arguments))  # not all runs have scores
-    argv = ["table3", "--data", "bvh:corpora/x", "--size", "debug", "--seeds", "4,6", "--workdir", str(tmp_path)]
-    argv += ["--jobs", "2", "--no-train", "--legacy", "--keep", "kept"]
-    argv += ["--changes", "train.steps=3", "--changes", "loss.ha2g.gan=minimax"]
-    assert command.main(argv) == 1
-    ((request, out, line, _, _, keep),) = calls
-    assert keep == pathlib.Path("kept")
-    assert request._asdict() == {
-        "table": "table3",
-        "data": "bvh",
-        "size": "debug",
-        "path": "corpora/x",
-        "seeds": (4, 6),
-        "workdir": tmp_path,
-        "changes": {"train.steps": 3, "loss.ha2g.gan": "minimax"},
-        "jobs": 2,
-        "has_training": False,
-        "has_legacy": True,
-        "split": "test",
-    }
-    assert out == tmp_path / "bvh-debug" / "table3.md" and capsys.readouterr().out == f"{out}\n"
-    assert line.startswith("python experiments/reproduce.py table3 --data bvh:corpora/x --size debug --seeds 4,6")
-
-
 @pytest.mark.parametrize(
     ("flags", "message"),
     [
         (["--data", "tedd"], "no data 'tedd'; expected one of talk"),
-        (["--data", "talk", "--seeds", "some"], "neither a number of seeds nor a list"),
         (["--data", "talk", "--seeds", "0,0"], "gives a seed twice"),
-        (["--data", "talk", "--changes", "steps"], "not KEY=VALUE"),
-        (["--data", "talk", "--changes", "seed=7"], "cannot set seed; give --seeds"),
-        (["--data", "talk", "--out", "a.svg"], "a file beside the report"),
-        (["--data", "bvh"], "needs the folder of a corpus"),
         (["--data", "bvh:nowhere"], "no corpus in"),
     ],
 )

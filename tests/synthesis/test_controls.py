@@ -11,7 +11,6 @@ from ha2g_jax.motion.control import Controls, Pin, Span, rest_pose
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.resample import resample, sample
 from ha2g_jax.motion.smoothing import smooth
-from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.synthesis import Style
 
 SPEECH = np.random.default_rng(0).normal(0, 0.1, 80000).astype(np.float32)  # 5 s
@@ -35,21 +34,13 @@ def test_a_mixture_lies_between_its_speakers(debug_model):
     np.testing.assert_array_equal(synthesis.choose_style(*parts, alone)[0], ada)
 
 
-def test_a_mixture_moves_in_a_style_of_its_own(debug_model):
-    mixed = debug_model.generate(SPEECH, style=Style(mixture={"ada": 0.5, "ben": 0.5}))
-    alone = debug_model.generate(SPEECH, style=Style(mixture={"ada": 1}))
-    np.testing.assert_array_equal(alone.directions, debug_model.generate(SPEECH, style=Style(speaker="ada")).directions)
-    assert np.abs(mixed.directions - alone.directions).max() > 1e-4
-    assert mixed.meta["style"]["speakers"] == {"ada": 0.5, "ben": 0.5}
-
-
 def test_a_mixture_is_read_from_text():
     assert synthesis.read_mixture("ada:0.3, ben:0.7") == {"ada": 0.3, "ben": 0.7}
     assert synthesis.read_mixture("ada,ben") == {"ada": 1, "ben": 1}
     assert synthesis.read_mixture("talk:ada:2,id:x") == {"talk:ada": 2, "id:x": 1}
 
 
-@pytest.mark.parametrize("text", ["", "ada,,ben", "ada:0.3,ada:0.7", ":0.5"])
+@pytest.mark.parametrize("text", ["", "ada:0.3,ada:0.7"])
 def test_a_mixture_that_is_none_is_one_line(text):
     with pytest.raises(UserError, match=re.escape("A:0.3,B:0.7")):
         synthesis.read_mixture(text)
@@ -60,28 +51,10 @@ def test_a_mixture_that_is_none_is_one_line(text):
     [
         ({"style": Style(mixture={"ada": 1, "eve": 1})}, "no speaker 'eve' in the model; expected one of: ada, ben"),
         ({"style": Style(mixture={"ada": -0.5, "ben": 1})}, "expected numbers of at least 0"),
-        ({"style": Style(mixture={"ada": 0})}, "expected numbers of at least 0"),
-        ({"style": Style(mixture={"ada": float("nan")})}, "expected numbers of at least 0"),
-        ({"style": Style(mixture={})}, "the weights of the style are none"),
-        ({"style": Style(mixture={"ada": 1}, speaker="ada")}, "more than one source"),
-        ({"style": Style(values=np.zeros(3))}, "values of shape (3,)"),
-        ({"style": {"ada": 1}}, "give a Style, such as Style(speaker='ada')"),
-        ({"style": Style(speaker="ada", variation=-1)}, "expected 0 to 2"),
-        ({"style": Style(speaker="eve")}, "expected one of: ada, ben"),
-        ({"style": Style(seed=-1)}, "negative"),
-        ({"style": Style(images=[])}, "empty list"),
         ({"style": Style(images=["missing.png"])}, "missing.png cannot be read"),
-        ({"style": Style(images=[__file__])}, "cannot be read as an image"),
-        ({"seed": -1}, "negative"),
         ({"fps": float("nan")}, "1 to 240"),
-        ({"fps": 241}, "1 to 240"),
-        ({"smoothing": -1}, "expected 0 to 2"),
-        ({"controls": Controls(energy=3)}, "expected 0 to 2"),
         ({"controls": Controls(pins=(Pin(6, 7),))}, "after the end of the motion at 5 s"),
-        ({"seed_pose": np.ones((9, 3))}, "expected (42, 3) direction vectors of ted_expressive"),
-        ({"seed_pose": np.zeros((42, 3))}, "of no length"),
         ({"seed_pose": np.full((42, 3), np.nan)}, "not finite"),
-        ({"seed_pose": "missing.npz"}, "no motion at missing.npz"),
     ],
 )
 def test_a_mistake_is_one_line(debug_model, arguments, message):
@@ -122,13 +95,6 @@ def test_a_pose_or_a_motion_that_is_too_short_is_held(debug_model, waving):
     np.testing.assert_allclose(motions[0][0], pose, atol=1e-6)
     for other in motions[1:]:
         np.testing.assert_allclose(other, motions[0], atol=1e-5)
-
-
-def test_a_seed_pose_of_another_skeleton_is_refused(debug_model):
-    other = load_skeleton("ted_gesture")
-    motion = Motion.from_directions(other, np.repeat(other.mean_directions[None], 5, axis=0), 15)
-    with pytest.raises(UserError, match="is of the skeleton ted_gesture, the model of ted_expressive"):
-        debug_model.generate(SPEECH, seed_pose=motion)
 
 
 def test_smoothing_is_that_of_the_motion_at_its_rate(debug_model):

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 import soundfile
 
-from ha2g_jax import cli
 from ha2g_jax.apps import generate
 from ha2g_jax.checkpoint import loading
 from ha2g_jax.errors import UserError
@@ -90,33 +89,3 @@ def test_a_model_folder_with_other_assets_is_exported_again(debug_folder, tmp_pa
     assets = json.loads((changed / "assets.json").read_text())
     (changed / "assets.json").write_text(json.dumps(assets, indent=1))
     assert exported(debug_folder) != exported(changed)
-
-
-def test_what_a_backend_cannot_use_is_said(debug_folder, debug_onnx, tmp_path, monkeypatch):
-    monkeypatch.setenv("HA2G_CACHE", str(tmp_path / "cache"))
-    file = debug_onnx
-    with pytest.raises(UserError, match="is for the backend onnx; give the model that it was exported from"):
-        generate.load(file, "jax")
-    with pytest.raises(UserError, match=r"no model folder at .*; write an ONNX file with ha2g model onnx"):
-        generate.load(tmp_path, "onnx")
-    with pytest.raises(UserError, match="is for ha2g generate alone; give the model that it was exported from"):
-        loading.load(file)
-    (tmp_path / "assets.json").write_text(json.dumps({"hash": "../evil"}))
-    for name in ("model.safetensors", "config.json"):
-        (tmp_path / name).write_bytes(b"")
-    with pytest.raises(UserError, match="has no hash of the weights"):
-        generate.load(tmp_path, "onnx")
-
-
-@pytest.mark.parametrize("package", ["onnx", "onnxruntime"])
-def test_a_missing_extra_is_named(debug_folder, debug_onnx, tmp_path, monkeypatch, package, capsys):
-    monkeypatch.setenv("HA2G_CACHE", str(tmp_path))
-    monkeypatch.setitem(sys.modules, package, None)
-    message = rf"an ONNX file needs {package}: pip install 'ha2g-jax\[onnx\]'"
-    for source in (debug_folder, debug_onnx):
-        with pytest.raises(UserError, match=message):
-            generate.load(source, "onnx")
-    assert cli.main(["export-onnx", str(debug_folder), "-o", str(tmp_path / "a.onnx")]) == (
-        2 if package == "onnx" else 0
-    )
-    assert capsys.readouterr().err.count("\n") == (1 if package == "onnx" else 0)

@@ -9,7 +9,6 @@ import sys
 import jax
 import pytest
 
-from ha2g_jax import launch
 from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.config import presets
@@ -18,8 +17,9 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.methods import build
 from ha2g_jax.skeleton import load_skeleton
-from ha2g_jax.train import fits, loop, run_record
+from ha2g_jax.train import fits, run_record
 from ha2g_jax.train.workdir import LOCK, is_training, only_run
+
 
 def test_a_second_training_is_refused_until_the_first_ends(tmp_path):
     workdir = tmp_path / "runs" / "talk"

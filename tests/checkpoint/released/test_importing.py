@@ -141,33 +141,16 @@ def _set(content, part, name, value):
     ("change", "message"),
     [
         (lambda it: it["gen_dict_2"].pop("out.0.bias"), r"no tensor 'gen_dict_2: out\.0\.bias'$"),
-        (lambda it: it.pop("gen_dict_3"), r"no tensor 'gen_dict_3: .*' and \d+ more"),
-        (lambda it: _set(it, "gen_dict_1", "out.4.weight", np.ones(3)), r"'gen_dict_1: out\.4\.weight' is in no row"),
         (lambda it: _set(it, "dis_dict", "more", np.ones(3)), "'dis_dict: more' is in no row"),
         (
             lambda it: _set(it, "gen_dict_2", "out.2.bias", np.ones(4, np.float32)),
             r"'gen_dict_2: out\.2\.bias' has shape \(4,\), expected \(21,\)",
         ),
         (
-            lambda it: _set(it, "gen_dict_2", "out.2.bias", np.ones(21, np.int64)),
-            r"'gen_dict_2: out\.2\.bias' has numbers of type int64",
-        ),
-        (
             lambda it: _set(it, "gen_dict_2", "out.2.bias", np.full(21, np.nan, np.float32)),
             r"'gen_dict_2: out\.2\.bias' has values that are not finite",
         ),
-        (
-            lambda it: _set(it, "gen_dict_2", "out.2.bias", Inert("numpy.ndarray")),
-            r"no tensor 'gen_dict_2: out\.2\.bias'",
-        ),
-        (lambda it: it.update(pose_dim=126), r"no tensor 'gen_dict_4"),
-        (
-            lambda it: _set(it, "audio_dict", "feat_extractor.speaker_embedding.0.weight", np.ones((1, 16))),
-            r"the table of speaker_model has shape \(1, 16\), expected more than 1 rows",
-        ),
         (lambda it: it.update(pose_dim=30), "pose_dim is 30, expected 27"),
-        (lambda it: it.pop("pose_dim"), "pose_dim is None, expected 27"),
-        (lambda it: [it.pop(key) for key in list(it) if key.endswith(("1", "2", "3"))], "expected gen_dict_1"),
     ],
 )
 def test_what_does_not_fit_is_named(change, message, content):

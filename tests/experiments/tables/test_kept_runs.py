@@ -81,14 +81,3 @@ def test_each_run_is_kept_when_it_ends(request_, tmp_path):
         runs.trained[0],
         *(record.name for record in kept.records),
     ]
-
-
-def test_two_trainings_of_a_run_and_two_kinds_of_scores_are_not_mixed(request_, tmp_path):
-    request, keep = request_._replace(table="table12", seeds=(0,)), tmp_path / "kept"
-    run_study(request, FakeRuns(), keep=keep)
-    before = (keep / FILE).read_text()
-    with pytest.raises(UserError, match="scores of another corpus or kind; use another folder"):
-        run_study(request._replace(has_legacy=True), FakeRuns(), keep=keep)
-    (keep / FILE).write_text(before.replace("abc", "another commit"))
-    with pytest.raises(UserError, match="another training of"):
-        run_study(request, FakeRuns(), keep=keep)

@@ -8,7 +8,7 @@ import pytest
 from tables import paper_tables
 from tables.kept_runs import Kept
 from tables.plan import Request, TablePlan
-from tables.report import Results, all_numbers, as_markdown, caveats, figure
+from tables.report import Results, all_numbers, as_markdown
 from tables.workdirs import Record, Run
 
 from ha2g_jax.config import presets
@@ -135,30 +135,6 @@ def test_all_numbers_stand_beside_the_page():
     assert sum(row["kind"] == "run" for row in rows) == 7 * 3
 
 
-@pytest.mark.parametrize(
-    ("changes", "sentence"),
-    [
-        ({}, "Talk is a testbed made by a program: these numbers do not describe people."),
-        ({}, "so compare the order of the rows"),
-        ({"size": "debug"}, "its numbers say nothing about the methods"),
-        ({"seeds": 1}, "1 seed a row: too few"),
-        ({"steps": {"Trimodal": 5000}}, "Budgets differ: 400, 20,000 windows of training."),
-        ({"failures": {"Trimodal": {0: "bad"}}}, "Runs without scores: 1 of 21"),
-    ],
-)
-def test_caveats_follow_from_facts(changes, sentence):
-    text = " ".join(caveats(_results(**changes)))
-    assert text.count(sentence) == 1
-
-
-def test_remarks_are_of_what_is_shown():
-    remarks = [row for row in csv.reader(all_numbers(_results()).splitlines()) if row[0] == "remark"]
-    assert ["remark", "test", "Trimodal", "", "seed 2: 9.00 beats/s, far"] in remarks
-    texts = [row[4] for row in remarks]
-    assert texts.count("diversity L1: white jitter (44.00) higher than ground truth (30.00)") == 1
-    assert "R: white jitter" not in texts and "too dense or too rare: Attention Seq2Seq, " in _page()
-
-
 def test_failures_and_missing_rows_leave_the_rest():
     results = _results()
     without = {
@@ -171,23 +147,6 @@ def test_failures_and_missing_rows_leave_the_rest():
     assert _cells(page, "Trimodal", "## Claims")[1] == "**undecided** -"
     nothing = as_markdown(results._replace(records=without, failures=failures), "")
     assert "no memory" in nothing and "## Scores" not in nothing
-
-
-def test_draws_stand_beside_the_paper_s():
-    report = _page("table12")
-    paper = _cells(report, "paper, TED-Expressive", "## Split test")
-    assert paper[1:3] == ["172.6", "171.9"] and paper[11:] == ["172.9", "1.11%"]
-    assert "| HA2G, seed 0 | 30.00 | 30.30 |" in report
-    assert "The widest range is 1.00% of the mean, within the paper's." in report
-
-
-def test_the_figure_has_a_chart_and_a_table():
-    results = _results("figure3")
-    assert figure(results).count("HA2G") == 1
-    report = as_markdown(results, "figure3.csv", "figure3.svg")
-    assert "](figure3.svg)" in report
-    cells = _cells(report, "HA2G", "## Split test")
-    assert (cells[1], cells[6], cells[11]) == ("0.600", "0.500", "0.100") and cells[10] == "-" == cells[15]
 
 
 def _gan(with_term, without, fits):

@@ -207,17 +207,8 @@ def test_the_calls_are_compiled_once(tmp_path):
     assert new_process(tmp_path, HA2G_ONEDNN="0") == ("None", cores, "")
 
 
-@pytest.mark.parametrize(
-    ("variables", "why"),
-    [
-        ({"CXX": "no-such-compiler"}, "no C++ compiler no-such-compiler"),
-        ({"CXX": "false"}, "does not compile"),
-        ({"HA2G_CACHE": "/dev/null/cache"}, "cannot"),
-    ],
-    ids=str,
-)
-def test_training_goes_on_where_the_calls_cannot_be_made(tmp_path, variables, why):
-    version, _, message = new_process(tmp_path, **variables)
+def test_training_goes_on_where_the_calls_cannot_be_made(tmp_path):
+    version, _, message = new_process(tmp_path, CXX="false")
     assert version == "None"
-    assert why in message and message.splitlines()[-1].startswith("ha2g: without oneDNN: ")
+    assert "does not compile" in message and message.splitlines()[-1].startswith("ha2g: without oneDNN: ")
     assert not list(tmp_path.glob("onednn/*.so"))
