@@ -27,7 +27,7 @@ from random_model import random_model
 import ha2g_jax
 from ha2g_jax import launch
 from ha2g_jax.apps.generate import BACKENDS
-from ha2g_jax.checkpoint import loading
+from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.checkpoint.model_folder import LoadedModel
 from ha2g_jax.cli.parser import positive
 from ha2g_jax.errors import UserError
@@ -69,7 +69,7 @@ def load(backend: str, arguments: argparse.Namespace) -> Generator[Any]:
         config = launch.load_config(arguments.config)
         loaded = LoadedModel(*random_model(config), config)
     else:
-        loaded = loading.load(arguments.checkpoint)
+        loaded = model_folder.load(arguments.checkpoint)
     if backend == "jax":
         return Model(*loaded)
     from ha2g_jax.checkpoint.onnx.export import build

@@ -1,25 +1,29 @@
 """Model folders, the form in which models are shipped: config.json, assets.json and model.safetensors; no pickle.
 
 The config contains what `ha2g_jax.methods.build` needs, and neither losses nor settings of training. A workdir has the
-same config and assets.
+same config and assets, and stands for its best checkpoint on the validation split; WORKDIR/latest, WORKDIR/best,
+WORKDIR/failed and a step below them name a particular checkpoint.
 """
 
 import contextlib
 import dataclasses
+import importlib.resources
 import json
+import os
 import pathlib
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
+import numpy as np
 from flax.errors import FlaxError
 
-from ha2g_jax.checkpoint import ASSETS, CONFIG, WEIGHTS, weights
+from ha2g_jax.checkpoint import ASSETS, BEST, CONFIG, FAILED, LATEST, RUN, WEIGHTS, hub, weights
 from ha2g_jax.checkpoint import assets as assets_module
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.config import settings as configs
 from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import parse_json, read_bytes, reason, shown
+from ha2g_jax.files.reading import parse_json, read_bytes, reading, reason, shown
 from ha2g_jax.files.writing import whole_file, whole_folder
 from ha2g_jax.limits import MAX_ASSETS_BYTES, MAX_CONFIG_BYTES
 from ha2g_jax.methods import build, variable_shapes
@@ -33,6 +37,68 @@ class LoadedModel(NamedTuple):
     variables: dict[str, Any]  # {"params", "batch_stats"} as numpy arrays
     assets: Assets
     config: Config  # settings that the networks are built from
+
+
+def load(spec: str | pathlib.Path) -> LoadedModel:
+    """Load a model: "demo", a model folder, a workdir, a checkpoint in a workdir, or hf://OWNER/NAME@REVISION.
+
+    Raises:
+        UserError: there is no model, or it is damaged.
+    """
+    if hub.is_hub_name(spec):
+        return read(hub.fetch(str(spec)))
+    if spec == "demo":
+        folder = importlib.resources.files("ha2g_jax") / "assets" / "demo"
+        with importlib.resources.as_file(folder) as path:
+            if not path.is_dir():
+                raise UserError("the demo model is not installed; install ha2g-jax again or name a --checkpoint")
+            return read(path)
+    return load_path(spec, "'demo', a workdir of ha2g train or an exported folder")
+
+
+def load_path(path: str | os.PathLike, expected: str) -> LoadedModel:
+    """Load a model folder, a workdir, or a checkpoint in a workdir; a message says that `expected` may be named.
+
+    Raises:
+        UserError: there is no model, or it is damaged.
+    """
+    path = pathlib.Path(path)
+    with reading(path, f"a model: {expected}"):
+        is_folder, exists = (path / WEIGHTS).is_file(), path.exists()
+        workdirs = [folder for folder in (path, path.parent, path.parent.parent) if _is_workdir(folder)]
+    if is_folder:
+        return read(path)
+    if workdirs:
+        return _load_checkpoint(workdirs[0], path)
+    if exists and path.suffix.lower() == ".onnx":
+        raise UserError(f"{shown(path)} is for ha2g generate alone; give the model that it was exported from")
+    found = f"{WEIGHTS} is missing" if exists else "nothing is there"
+    raise UserError(f"no model in {shown(path)}: {found}; expected {expected}")
+
+
+def _is_workdir(folder: pathlib.Path) -> bool:
+    return (folder / CONFIG).is_file() and any((folder / name).exists() for name in (BEST, LATEST, FAILED, RUN))
+
+
+def _load_checkpoint(workdir: pathlib.Path, path: pathlib.Path) -> LoadedModel:
+    """Load the checkpoint that `path`, a workdir or a folder in it, stands for."""
+    from ha2g_jax.checkpoint.checkpoints import Checkpoints  # Orbax takes seconds to import; the demo does without
+
+    config, assets = read_description(workdir)
+    spec = build_networks(workdir, config, assets)
+    kind, number = (*path.relative_to(workdir).parts, "", "")[:2]
+    for name in (kind,) if kind else (BEST, LATEST):
+        checkpoints = Checkpoints(workdir / name) if (workdir / name).is_dir() else None
+        steps = [str(number) for number in checkpoints.steps()] if checkpoints else []
+        if checkpoints and steps and number in ("", *steps):
+            break
+    else:
+        raise UserError(f"no checkpoint in {shown(path)} yet; train longer, or use another run")
+    variables, record = checkpoints.restore_model(int(number or steps[-1]), shapes_of(workdir, spec))
+    checkpoints.close()
+    speakers = {speaker: np.array(record["speakers"][speaker], np.float32) for speaker in assets.speakers}
+    assets = dataclasses.replace(assets, speakers=speakers, hash=weights.hash_of(variables))
+    return LoadedModel(spec, variables, assets, config)
 
 
 def save(

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from flax import traverse_util
 
-from ha2g_jax.checkpoint import hub, loading, model_folder, weights
+from ha2g_jax.checkpoint import hub, model_folder, weights
 from ha2g_jax.checkpoint.model_folder import LoadedModel
 from ha2g_jax.checkpoint.weights import in_vocabulary, is_word_table
 from ha2g_jax.errors import UserError
@@ -24,12 +24,12 @@ _LICENCE = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+-]{0,63}")
 
 
 def export(workdir: str | pathlib.Path, out: str | pathlib.Path) -> pathlib.Path:
-    """Write the model of a workdir, see `loading.load`, as a model folder, and return the folder.
+    """Write the model of a workdir, see `model_folder.load`, as a model folder, and return the folder.
 
     Raises:
-        UserError: as `loading.load` and `model_folder.save`.
+        UserError: as `model_folder.load` and `model_folder.save`.
     """
-    model = loading.load(workdir)
+    model = model_folder.load(workdir)
     return model_folder.save(out, model.config, model.assets, model.variables)
 
 
@@ -55,7 +55,7 @@ def publish(
     if not _LICENCE.fullmatch(licence):
         raise UserError(f"{shown(licence)} is not the name of a licence; expected one such as apache-2.0 or cc-by-4.0")
     table = "" if scores is None else _text(scores)
-    model = loading.load(source)
+    model = model_folder.load(source)
     with tempfile.TemporaryDirectory() as temporary:
         folder = model_folder.save(pathlib.Path(temporary) / "model", model.config, model.assets, model.variables)
         hashes = {file: file_sha256(folder / file) for file in hub.FILES}
@@ -106,7 +106,7 @@ def _text(path: pathlib.Path) -> str:
 
 
 def average_models(models: Sequence[str | pathlib.Path], out: str | pathlib.Path) -> pathlib.Path:
-    """Write the average of two or more models, see `loading.load`, as a model folder, completely or not at all.
+    """Write the average of two or more models, see `model_folder.load`, as a model folder, completely or not at all.
 
     The mean, in float32, is that of the weights, of the statistics of the normalisation layers and of the styles of the
     speakers. The vector of a word is the mean of those that the models have for it, where a model that lacks it counts
@@ -117,7 +117,7 @@ def average_models(models: Sequence[str | pathlib.Path], out: str | pathlib.Path
     """
     if len(models) < 2:
         raise UserError(f"{len(models)} model to average; give two or more")
-    loaded = [loading.load(name) for name in models]
+    loaded = [model_folder.load(name) for name in models]
     for name, model in zip(models[1:], loaded[1:], strict=True):
         if difference := _difference(loaded[0], model):
             raise UserError(

@@ -13,7 +13,7 @@ import numpy as np
 import safetensors.numpy
 from flax import traverse_util
 
-from ha2g_jax.checkpoint import loading
+from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.data.records import WINDOW_FRAMES
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
@@ -43,7 +43,7 @@ class PoseFeatures:
     """
 
     def __init__(self, source: str | os.PathLike):
-        loaded = loading.load_path(source, _EXPECTED)
+        loaded = model_folder.load_path(source, _EXPECTED)
         generator = loaded.spec.generator
         if not isinstance(generator, PoseAutoencoder):
             raise UserError(

@@ -1,10 +1,9 @@
 """Score the inputs of `ha2g evaluate` to results of one shape: a corpus, a recording, or folders of motion."""
 
-import collections
 import os
 import pathlib
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ha2g_jax import __version__, metrics
 from ha2g_jax.data.corpus import TRAIN, Corpus
@@ -19,9 +18,6 @@ from ha2g_jax.files.reading import shown
 from ha2g_jax.metrics.beats import strokes
 from ha2g_jax.metrics.row import SEED_FRAMES
 from ha2g_jax.motion.readers.joint_maps import AUTO
-
-if TYPE_CHECKING:
-    pass
 
 MIN_SECONDS = 10.0  # of a recording
 TEST_SPLITS, OTHER_SPLIT = ("test", "test_unseen_speakers"), "val"
@@ -166,21 +162,17 @@ def _given(seed_frames: int) -> list[str]:
     ]
 
 
-def evaluate_recording(
-    checkpoint: str | pathlib.Path, speech: str | os.PathLike, *, speaker: str | None = None, seed: int = 0
-) -> dict[str, Any]:
-    """Score the motion that a checkpoint makes for a recording of speech.
+def evaluate_recording(checkpoint: str | pathlib.Path, speech: str | os.PathLike, *, seed: int = 0) -> dict[str, Any]:
+    """Score the motion that a checkpoint, "demo", a workdir or a model folder, makes for a recording of speech.
 
-    Args:
-        checkpoint: "demo", a workdir or a model folder.
-        speaker: speaker of the model for the style; drawn with `seed` by default.
+    The style is drawn with the seed.
 
     Returns:
         As `make_results`, with one section under the name of the file. It has no "rows", which need true motion: the
         scores of the strokes are in "recording", {"rows": {"model": {metric: {"value", "low", "high", "error"}}}}.
 
     Raises:
-        UserError: the checkpoint, the speech or the speaker cannot be used, or there are less than 10 s of speech.
+        UserError: the checkpoint or the speech cannot be used, or there are less than 10 s of speech.
     """
     from ha2g_jax import synthesis
 
@@ -190,7 +182,7 @@ def evaluate_recording(
             f"{shown(speech)} has {len(audio) / SAMPLE_RATE:.1f} s of sound; expected at least {MIN_SECONDS:g} s"
         )
     model = synthesis.load(checkpoint)
-    motion = model.generate(audio, style=synthesis.Style(speaker=speaker, variation=0), seed=seed)
+    motion = model.generate(audio, style=synthesis.Style(variation=0), seed=seed)
     first_frame, skeleton = model.spec.num_seed_frames, model.spec.skeleton
     wrists = strokes.wrist_positions(skeleton, motion.directions)
     row = strokes.recording_row(audio, wrists, motion.fps, first_frame)
@@ -268,16 +260,13 @@ def _folder_name(folder: str | os.PathLike) -> str:
 
 def _row_names(folders: Sequence[str | os.PathLike]) -> list[str]:
     """Return the name of each folder, with that of the folder above where two are alike."""
-    names = [_folder_name(folder) for folder in folders]
-    counts = collections.Counter(names)
-    above = [
-        f"{_folder_name(pathlib.Path(folder).resolve().parent)}/{name}"
-        for folder, name in zip(folders, names, strict=True)
+    found = [_folder_name(folder) for folder in folders]
+    names = [
+        name if found.count(name) == 1 else f"{_folder_name(pathlib.Path(folder).resolve().parent)}/{name}"
+        for name, folder in zip(found, folders, strict=True)
     ]
-    names = [name if counts[name] == 1 else longer for name, longer in zip(names, above, strict=True)]
     if len(set(names)) < len(names):
-        (twice, _), *_ = collections.Counter(names).most_common(1)
-        raise UserError(f"two folders of motion have the name {twice}; give folders of different names")
+        raise UserError(f"two folders of motion have one name, of {', '.join(names)}; give folders of different names")
     return names
 
 

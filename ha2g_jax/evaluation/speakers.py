@@ -3,7 +3,7 @@
 import pathlib
 from typing import Any
 
-from ha2g_jax.checkpoint import loading
+from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.data.corpus import TALK
 from ha2g_jax.data.talk.speakers import default_styles
 
@@ -28,7 +28,7 @@ def describe_speakers(checkpoint: str | pathlib.Path) -> list[dict[str, Any]]:
     Raises:
         UserError: there is no model, or it is damaged.
     """
-    model = loading.load(checkpoint)
+    model = model_folder.load(checkpoint)
     known = default_styles() if model.config.data.path == TALK else {}
     rows: list[dict[str, Any]] = []
     for name in model.assets.speakers:

@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from ha2g_jax.checkpoint import loading
+from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.config.settings import Config
 from ha2g_jax.data.speech import Speech, prepare
@@ -117,7 +117,7 @@ def load(source: str | pathlib.Path = "demo") -> Model:
     Raises:
         UserError: there is no model, it is damaged, or it generates no motion, such as the pose auto-encoder.
     """
-    loaded = loading.load(source)
+    loaded = model_folder.load(source)
     if loaded.spec.method not in METHODS:
         raise UserError(f"the model in {source} is of {loaded.spec.method}, which generates no motion; load another")
     return Model(loaded.spec, jax.device_put(loaded.variables), loaded.assets, loaded.config)

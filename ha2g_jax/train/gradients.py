@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import optax
 
-from ha2g_jax.checkpoint import loading
+from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.checkpoint.state import TrainState
 from ha2g_jax.config.settings import Config
 from ha2g_jax.data.corpus import TRAIN, Corpus
@@ -88,7 +88,7 @@ def measure(config: Config, sources: Sequence[str] = ()) -> dict[str, Any]:
     corpus = inputs.open_corpus(config)
     models = [{"name": "new"} | _measure(config, corpus, None)]
     for source in sources:
-        model = loading.load(source)
+        model = model_folder.load(source)
         if model.config.method != config.method:
             raise UserError(f"{source} is a model of {model.config.method}, but the config of {config.method}")
         own = config.copy_and_resolve_references()

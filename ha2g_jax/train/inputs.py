@@ -7,7 +7,7 @@ import grain
 import numpy as np
 from flax import traverse_util
 
-from ha2g_jax.checkpoint import loading, weights, whisper
+from ha2g_jax.checkpoint import model_folder, weights, whisper
 from ha2g_jax.checkpoint.weights import TABLE, in_vocabulary, is_word_table
 from ha2g_jax.config.settings import Config, check_fps
 from ha2g_jax.data.augment import Augmentation
@@ -165,7 +165,7 @@ def initial_variables(source: str, spec: Spec, vocabulary: Vocabulary) -> dict[s
     Raises:
         UserError: there is no such model, or it has another method, skeleton or size than the generator.
     """
-    model = loading.load(source)
+    model = model_folder.load(source)
     if model.spec.method != spec.method:
         raise UserError(f"{source} is a model of {model.spec.method}, but the config of {spec.method}")
     if model.spec.skeleton.bones != spec.skeleton.bones:

@@ -7,7 +7,7 @@ import pytest
 from fixtures.hub import serve as serve_hub
 
 from ha2g_jax import cli, synthesis
-from ha2g_jax.checkpoint import hub, loading, model_folder
+from ha2g_jax.checkpoint import hub, model_folder
 from ha2g_jax.errors import UserError
 
 DEMO = pathlib.Path(model_folder.__file__).parents[1] / "assets" / "demo"
@@ -37,9 +37,9 @@ def test_published_models_are_loaded_by_name_and_commit(server, tmp_path, capsys
     card = server.find("ada/talker", "main")[1]["README.md"].decode()
     assert card.startswith("---\nlicense: apache-2.0\n") and "| 0.66 |" in card
 
-    first = loading.load("hf://ada/talker")
+    first = model_folder.load("hf://ada/talker")
     assert f"hf://ada/talker is {pinned}" in capsys.readouterr().err
-    assert loading.load(pinned).assets.hash == first.assets.hash == loading.load("demo").assets.hash
+    assert model_folder.load(pinned).assets.hash == first.assets.hash == model_folder.load("demo").assets.hash
     assert first.assets.hash in card
     speech = np.random.default_rng(0).normal(0, 0.1, 32000).astype(np.float32)
     expected, found = (synthesis.load(name).generate(speech) for name in ("demo", pinned))
@@ -59,14 +59,14 @@ def test_files_that_do_not_belong_together_are_refused(server):
     weights[-1] ^= 1
     server.commit("ada/talker", {"model.safetensors": bytes(weights)})
     with pytest.raises(UserError, match="belong to two models"):
-        loading.load("hf://ada/talker")
+        model_folder.load("hf://ada/talker")
 
 
 def test_without_a_connection_the_cache_is_used(server, monkeypatch):
     pinned = hub.publish(DEMO, "# card", "ada/talker")
     hub.fetch("hf://ada/talker")
     monkeypatch.setenv("HF_ENDPOINT", "http://127.0.0.1:9")
-    assert loading.load(pinned).assets.hash == loading.load("hf://ada/talker").assets.hash
+    assert model_folder.load(pinned).assets.hash == model_folder.load("hf://ada/talker").assets.hash
     with pytest.raises(UserError, match="not in the cache"):
         hub.fetch("hf://ada/other")
     with pytest.raises(UserError, match="hf://ada/other cannot be used"):

@@ -10,7 +10,7 @@ import pytest
 import safetensors.numpy
 
 from ha2g_jax.checkpoint import assets as assets_module
-from ha2g_jax.checkpoint import loading, model_folder, weights
+from ha2g_jax.checkpoint import model_folder, weights
 from ha2g_jax.errors import UserError
 
 
@@ -21,7 +21,7 @@ def folder(debug_folder, tmp_path):
 
 
 def test_the_model_comes_back(debug_model, debug_folder):
-    loaded = loading.load(debug_folder)
+    loaded = model_folder.load(debug_folder)
     settings = json.loads(debug_model.config.to_json())
     del settings["train"], settings["loss"]
     assert json.loads((debug_folder / "config.json").read_text()).keys() == settings.keys()
@@ -108,11 +108,11 @@ DAMAGE = {
 def test_damage_is_named(folder, damage, message):
     damage(folder)
     with pytest.raises(UserError, match=message) as error:
-        loading.load(folder)
+        model_folder.load(folder)
     assert "\n" not in str(error.value)
 
 
 def test_no_model(tmp_path):
     for path in (tmp_path / "nowhere", tmp_path):
         with pytest.raises(UserError, match=r"no model in .*expected 'demo', a workdir"):
-            loading.load(path)
+            model_folder.load(path)

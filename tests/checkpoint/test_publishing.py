@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ha2g_jax import cli
-from ha2g_jax.checkpoint import loading, model_folder, weights
+from ha2g_jax.checkpoint import model_folder, weights
 from ha2g_jax.checkpoint.publishing import average_models
 from ha2g_jax.checkpoint.weights import is_word_table
 from ha2g_jax.errors import UserError
@@ -31,13 +31,13 @@ def test_weights_and_styles_are_the_mean(debug_model, save, tmp_path, capsys):
     models = [save("a", 1.0), save("b", 2.0), save("c", 4.5)]
     assert cli.main(["average", *map(str, models), "-o", str(tmp_path / "mean")]) == 0
     assert capsys.readouterr().out.strip() == str(tmp_path / "mean")
-    mean = loading.load(tmp_path / "mean")
+    mean = model_folder.load(tmp_path / "mean")
     expected = jax.tree.map(lambda leaf: 2.5 * np.asarray(leaf), debug_model.variables)
     jax.tree.map(lambda *leaves: np.testing.assert_allclose(*leaves, rtol=1e-6), mean.variables, expected)
-    assert list(mean.assets.speakers) == list(loading.load(models[0]).assets.speakers)
+    assert list(mean.assets.speakers) == list(model_folder.load(models[0]).assets.speakers)
     for speaker, style in debug_model.assets.speakers.items():
         np.testing.assert_allclose(mean.assets.speakers[speaker], 2.5 * style, rtol=1e-6)
-    assert mean.assets.hash not in {loading.load(model).assets.hash for model in models}
+    assert mean.assets.hash not in {model_folder.load(model).assets.hash for model in models}
 
 
 def test_words_meet_by_name(debug_model, save, tmp_path):
@@ -46,7 +46,7 @@ def test_words_meet_by_name(debug_model, save, tmp_path):
     average_models([save("a"), save("b", vocabulary=other)], tmp_path / "mean")
     (name,) = filter(is_word_table, weights.flatten(debug_model.variables))
     table = np.asarray(weights.flatten(debug_model.variables)[name])
-    mean = weights.flatten(loading.load(tmp_path / "mean").variables)[name]
+    mean = weights.flatten(model_folder.load(tmp_path / "mean").variables)[name]
     index = debug_model.assets.vocabulary.encode
     np.testing.assert_allclose(mean[index(words[-1])], (table[index(words[-1])] + table[2]) / 2, rtol=1e-6)
     np.testing.assert_allclose(mean[index(words[0])], (table[index(words[0])] + table[UNKNOWN]) / 2, rtol=1e-6)

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from ha2g_jax.checkpoint import loading, model_folder
+from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.evaluation import clip_result
 from ha2g_jax.evaluation.clip_result import clip_identity
@@ -70,7 +70,7 @@ def test_a_checkpoint_is_evaluated_with_one_call(debug_model, tiny_talk, tmp_pat
     folder = model_folder.save(tmp_path / "model", debug_model.config, debug_model.assets, debug_model.variables)
     results = evaluate_checkpoint(folder, tiny_talk, splits=["test", "train"], limit=4)
     expected = {"checkpoint": str(folder), "data": str(tiny_talk), "corpus": "talk-v3"}
-    assert results["inputs"] == expected | {"model": loading.load(folder).assets.hash}
+    assert results["inputs"] == expected | {"model": model_folder.load(folder).assets.hash}
     assert list(results["sections"]) == ["test", "train"]
     for section in results["sections"].values():
         assert section["methods"] == ["model"]

@@ -6,7 +6,7 @@ import jax
 import numpy as np
 import pytest
 
-from ha2g_jax.checkpoint import loading, model_folder
+from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.config import presets
 from ha2g_jax.evaluation.features import PoseFeatures
@@ -42,7 +42,7 @@ def test_latents_are_those_of_the_module(folder, windows):
     features = PoseFeatures(folder)
     latents = features(windows)
     assert latents.shape == (9, features.latent_dim) and latents.dtype == np.float64
-    loaded = loading.load(folder)
+    loaded = model_folder.load(folder)
     poses = subtract_mean(loaded.spec, windows)
     expected = loaded.spec.generator.apply(loaded.variables, poses, train=False, method="encode")
     np.testing.assert_allclose(latents, expected, atol=1e-5)
@@ -63,5 +63,5 @@ def test_the_id_is_the_hash_of_the_weights(folder):
     features = PoseFeatures(folder)
     assert len(features.id) == 64
     assert features.id == hashlib.sha256((folder / model_folder.WEIGHTS).read_bytes()).hexdigest()
-    assert features.id.startswith(loading.load(folder).assets.hash)
+    assert features.id.startswith(model_folder.load(folder).assets.hash)
     assert (features.skeleton.name, features.fps) == ("ted_gesture", 15)

@@ -132,12 +132,12 @@ def test_a_full_disk_leaves_no_part_of_a_model_or_a_run(tmp_path):
         import pathlib, resource, sys
         sys.path.insert(0, "tests")
         import conftest
-        from ha2g_jax.checkpoint import loading, model_folder
+        from ha2g_jax.checkpoint import model_folder
         from ha2g_jax.errors import UserError
         from ha2g_jax.train import fits, run_record, workdir
 
         folder = pathlib.Path(sys.argv[1])
-        model = loading.load("demo")
+        model = model_folder.load("demo")
         metrics = folder / "metrics.jsonl"
         for step in range(100):
             workdir.append_metrics(metrics, step, {"loss/huber": 0.5})

@@ -19,7 +19,7 @@ from fuzz.mutation import FUZZ, damaged_bytes, damaged_tree
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ha2g_jax.checkpoint import loading, model_folder
+from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.checkpoint import whisper as whisper_weights
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.checkpoint.released.importing import import_weights
@@ -57,7 +57,7 @@ def folder(content, tmp_path):
 
 def load(path: pathlib.Path) -> None:
     """Load the folder of a file."""
-    loading.load(path.parent)
+    model_folder.load(path.parent)
 
 
 def load_with_hash(path: pathlib.Path) -> None:
@@ -197,7 +197,7 @@ def test_large_weights_are_not_read(folder, content):
     with (folder / WEIGHTS).open("r+b") as file:
         file.write(struct.pack("<Q", MAX_HEADER_BYTES + 1))
     with pytest.raises(UserError, match="its header has more than"):
-        loading.load(folder)
+        model_folder.load(folder)
     header, tensors = header_of(content[WEIGHTS])
     end = max(entry["data_offsets"][1] for entry in header.values())
     header["padding"] = {"dtype": "U8", "shape": [2**33], "data_offsets": [end, end + 2**33]}
@@ -205,7 +205,7 @@ def test_large_weights_are_not_read(folder, content):
     with (folder / WEIGHTS).open("r+b") as file:
         file.truncate(file.seek(0, 2) + 2**33)
     with pytest.raises(UserError, match=f"more than {MAX_WEIGHTS_BYTES} bytes"):
-        loading.load(folder)
+        model_folder.load(folder)
 
 
 @pytest.mark.parametrize(("value", "message"), [(np.float32("nan"), "not finite"), (np.int32(1), "as I32, expected")])

@@ -11,7 +11,7 @@ import pytest
 import soundfile
 
 from ha2g_jax.apps import generate
-from ha2g_jax.checkpoint import loading
+from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion import control
 from ha2g_jax.motion.motion import Motion
@@ -77,9 +77,9 @@ def test_the_command_generates_without_jax(onnx_model, debug_onnx, tmp_path):
 def test_a_model_folder_is_exported_to_the_cache_once(debug_folder, tmp_path, monkeypatch):
     monkeypatch.setenv("HA2G_CACHE", str(tmp_path))
     first = exported(debug_folder)
-    assert first.parent == tmp_path / "onnx" and first.name.startswith(loading.load(debug_folder).assets.hash)
+    assert first.parent == tmp_path / "onnx" and first.name.startswith(model_folder.load(debug_folder).assets.hash)
     written = first.stat().st_mtime_ns
-    assert generate.load(debug_folder, "onnx").assets.hash == loading.load(debug_folder).assets.hash
+    assert generate.load(debug_folder, "onnx").assets.hash == model_folder.load(debug_folder).assets.hash
     assert exported(debug_folder).stat().st_mtime_ns == written
 
 

@@ -9,7 +9,7 @@ import pytest
 from fixtures.corpora import write_corpus
 
 from ha2g_jax import cli
-from ha2g_jax.checkpoint import loading, model_folder, weights
+from ha2g_jax.checkpoint import model_folder, weights
 from ha2g_jax.config import presets
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
@@ -77,7 +77,7 @@ def start(vocabulary, spec):
 
 
 def test_all_weights_are_those_of_the_model_and_words_keep_their_vectors():
-    demo = loading.load("demo")
+    demo = model_folder.load("demo")
     known = demo.assets.vocabulary.words[5]
     found, before = start(*spec_for("qwyx", known)), weights.flatten(demo.variables)
     assert found.keys() == before.keys()
@@ -108,7 +108,7 @@ def test_a_run_starts_from_a_model(debug_model, tiny_talk, tmp_path, capsys):
     flags += [f"--config.train.init_from={source}", "--config.train.learning_rate=0.0"]
     assert cli.main(["train", *flags]) == 0
     assert f"training starts from the weights of {source}" in capsys.readouterr().err
-    before, after = (loading.load(path).variables["params"] for path in (source, tmp_path / "run"))
+    before, after = (model_folder.load(path).variables["params"] for path in (source, tmp_path / "run"))
     del before["text"]["embedding"], after["text"]["embedding"]
     assert jax.tree.all(jax.tree.map(np.array_equal, before, after))
 

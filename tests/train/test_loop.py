@@ -13,7 +13,7 @@ import pytest
 from fixtures.corpora import edit
 
 from ha2g_jax import cli, launch
-from ha2g_jax.checkpoint import loading
+from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.checkpoint.publishing import export
 from ha2g_jax.errors import UserError
 from ha2g_jax.methods import seq2seq
@@ -56,7 +56,7 @@ def run(config_for, tmp_path_factory):
 
 
 def _parameters(workdir):
-    return jax.tree.leaves(loading.load(workdir / "latest").variables)
+    return jax.tree.leaves(model_folder.load(workdir / "latest").variables)
 
 
 def _steps(folder):
@@ -119,14 +119,14 @@ def _without_times(line):
 def test_any_checkpoint_can_be_exported(run, tmp_path):
     for number, source in enumerate((run, run / "latest" / "4")):
         folder = export(source, tmp_path / str(number))
-        exported, original = loading.load(folder), loading.load(source)
+        exported, original = model_folder.load(folder), model_folder.load(source)
         jax.tree.map(np.testing.assert_array_equal, exported.variables, original.variables)
         assert exported.assets.hash == original.assets.hash
         assert len(exported.assets.speakers) == 3  # of four speakers one is not in training
         assert all(f_id.shape == (16,) for f_id in exported.assets.speakers.values())
         np.testing.assert_allclose(np.linalg.norm(exported.assets.seed_poses, axis=-1), 1, atol=1e-5)
     with pytest.raises(UserError, match=r"no checkpoint in .*latest/3"):
-        loading.load(run / "latest" / "3")
+        model_folder.load(run / "latest" / "3")
 
 
 def test_settings_that_cannot_be_used_leave_nothing_behind(config_for, tmp_path):
@@ -162,7 +162,7 @@ def test_a_step_that_is_not_finite_ends_the_run_and_can_be_looked_at(config_for,
     assert report["step"] == 1 and len(report["windows"]) == 4
     (start,) = json.loads((tmp_path / "run.json").read_text())["starts"]
     assert "continuity not finite at step 1" in start["failure"]["reason"]
-    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(loading.load(tmp_path / "failed").variables))
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(model_folder.load(tmp_path / "failed").variables))
 
 
 def train_two_steps(data: pathlib.Path, workdir: pathlib.Path, config: str, *changes: str) -> list[dict]:

@@ -5,7 +5,7 @@ import pathlib
 
 import onnx
 
-from ha2g_jax.checkpoint import loading
+from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.checkpoint.model_folder import LoadedModel
 from ha2g_jax.checkpoint.onnx.networks import Graph, add_encoder, add_inferer
 from ha2g_jax.checkpoint.onnx.reading import SUFFIX, Description, to_metadata
@@ -33,7 +33,7 @@ def export(
     out = pathlib.Path(out)
     if out.suffix.lower() != SUFFIX:
         raise UserError(f"an ONNX file ends in {SUFFIX}; name it {shown(out.stem or 'model')}{SUFFIX}")
-    loaded = loading.load(source)
+    loaded = model_folder.load(source)
     model = build(loaded, weights=weights, license=license or ("Apache-2.0" if source == "demo" else ""))
     content = model.SerializeToString()
     if len(content) > MAX_ONNX_BYTES:

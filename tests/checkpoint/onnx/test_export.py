@@ -8,7 +8,7 @@ import onnx
 import onnxruntime
 import pytest
 
-from ha2g_jax.checkpoint import loading
+from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.checkpoint.model_folder import LoadedModel
 from ha2g_jax.checkpoint.onnx import reading
@@ -30,7 +30,7 @@ ERRORS = {"float32": 1e-4, "float16": 5e-3, "int8": 0.1}
 
 @pytest.fixture(scope="module")
 def debug(debug_folder):
-    return loading.load(debug_folder)
+    return model_folder.load(debug_folder)
 
 
 def draw(config, scale=0.2):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import ha2g_jax
-from ha2g_jax.checkpoint import loading, model_folder, weights
+from ha2g_jax.checkpoint import model_folder, weights
 from ha2g_jax.checkpoint.onnx import export
 from ha2g_jax.checkpoint.released import table
 from ha2g_jax.checkpoint.released.importing import DoesNotFitError, read_released
@@ -170,7 +170,7 @@ def test_an_auto_encoder_becomes_a_model_folder_that_measures_motion(autoencoder
     assert main(["import-weights", str(source), "-o", str(tmp_path / "model")]) == 0
     printed = capsys.readouterr()
     assert printed.out == f"{tmp_path / 'model'}\n" and "2 entries have no place" in printed.err
-    loaded = loading.load(tmp_path / "model")
+    loaded = model_folder.load(tmp_path / "model")
     expected = read_released(autoencoder)
     jax.tree.map(np.testing.assert_array_equal, loaded.variables, expected.variables)
     latents = PoseFeatures(tmp_path / "model")(rng.normal(size=(2, 34, 9, 3)))

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ha2g_jax.checkpoint import loading
+from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.checkpoint.released.importing import import_weights, read_released
 from ha2g_jax.config import presets
 from ha2g_jax.files.torch_archive import read_torch
@@ -115,7 +115,7 @@ def test_ha2g(data, size, nets, oracles, tmp_path):
     _check_each_tensor_is_used_once(content, found)
     if size == "paper":  # the folder has every bit of the weights
         folder, _ = import_weights(tmp_path / "best.bin", tmp_path / "model")
-        loaded = loading.load(folder)
+        loaded = model_folder.load(folder)
         assert loaded.spec == found.spec
         jax.tree.map(np.testing.assert_array_equal, loaded.variables, found.variables)
 
