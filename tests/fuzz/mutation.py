@@ -1,10 +1,15 @@
-"""Strategies of Hypothesis that damage valid inputs: bytes, lines of text, and trees of JSON or msgpack."""
+"""Strategies of Hypothesis that damage valid inputs: bytes, lines of text, trees of JSON, arrays, and whole files."""
 
 import copy
+import io
+import json
 import math
 import os
+import pathlib
 from typing import Any
 
+import numpy as np
+from fixtures.glb_reader import join_glb, split_glb
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 
@@ -32,6 +37,7 @@ _ODD_VALUES = (
     "", "x" * 10_000, "\x00", "\ud800", "../..", [], [[]], {}, {"": None}, [0] * 10_000, {"a": [1, "b"]},
 )  # fmt: skip
 
+_TEXTS = (".bvh", ".csv", ".srt", ".textgrid", ".tsv", ".txt", ".vtt", ".yaml")
 _MAX_LINE = 300_000  # letters to which the repetition of a line may let it grow
 
 
@@ -109,6 +115,66 @@ def damaged_tree(draw: st.DrawFn, tree: Any) -> Any:
             case 3 if isinstance(parent, list):
                 parent[key:key] = [copy.deepcopy(parent[key])] * draw(st.sampled_from((1, 1000)))
     return root[""]
+
+
+@st.composite
+def odd_array(draw: st.DrawFn, values: np.ndarray) -> np.ndarray:
+    """Draw an array with another shape, type or value."""
+    odd = draw(st.sampled_from((np.nan, np.inf, 0.0, -1.0, 1e-300, 1e-4, 1e12, 1e300, 1e30)))
+    match draw(st.integers(0, 5)):
+        case 0:
+            return values[..., : draw(st.integers(0, 2))] if values.ndim else np.array([values, values])
+        case 1:
+            kinds = ("U8", "S8", "f2", "f8", "?") if values.dtype.kind == "f" else ("U8", "S8")
+            return values.astype(draw(st.sampled_from(kinds))) if values.ndim else values[None]
+        case 2:
+            return np.array(odd)
+        case 3:
+            return values[: draw(st.integers(0, 2))] if values.ndim else np.zeros(3)
+        case 4 if values.dtype.kind == "f":
+            return np.where(np.arange(values.size).reshape(values.shape) == 7 % values.size, np.float64(odd), values)
+        case _:
+            return np.array(draw(st.sampled_from(("", "x" * 5000, "{}", "[1]", "3", '{"skeleton": []}', "\ud800"))))
+
+
+@st.composite
+def damaged_file(draw: st.DrawFn, name: str, content: bytes) -> bytes:
+    """Draw the content of a file after damage to its bytes, or to what is in it by the suffix of its name."""
+    suffix = pathlib.PurePath(name).suffix.lower()
+    if draw(st.integers(0, 3)) == 0:
+        return draw(damaged_bytes(content))
+    file = io.BytesIO()
+    if suffix == ".json":
+        return json.dumps(draw(_damaged_part(json.loads(content)))).encode()
+    if suffix in (".glb", ".vrma"):
+        tree, blob = split_glb(content)
+        return (
+            join_glb(draw(_damaged_part(tree)), blob)
+            if draw(st.booleans())
+            else join_glb(tree, draw(damaged_bytes(blob)))
+        )
+    if suffix == ".npy":
+        np.save(file, draw(odd_array(np.load(io.BytesIO(content)))))
+        return file.getvalue()
+    if suffix == ".npz":
+        arrays = dict(np.load(io.BytesIO(content)))
+        for array in draw(st.sets(st.sampled_from(sorted(arrays)), min_size=1)):
+            if array == "meta" and draw(st.booleans()):
+                arrays["meta"] = np.array(json.dumps(draw(damaged_tree(json.loads(str(arrays["meta"]))))))
+            else:
+                arrays[array] = draw(odd_array(arrays[array]))
+        np.savez(file, **arrays)
+        return file.getvalue()
+    if suffix in _TEXTS:
+        return draw(damaged_text(content.decode()))
+    return draw(damaged_bytes(content[:400])) + content[400:]
+
+
+@st.composite
+def _damaged_part(draw: st.DrawFn, tree: Any) -> Any:
+    """Draw a tree with damage to the whole of it, or to the value of one of its keys."""
+    part = draw(st.sampled_from(("", *tree))) if isinstance(tree, dict) else ""
+    return draw(damaged_tree(tree)) if not part else tree | {part: draw(damaged_tree(tree[part]))}
 
 
 def _places(node: Any) -> list[tuple[Any, Any]]:

@@ -1,10 +1,8 @@
-"""Small files of sound and of video in every container that can be written here, and a picture that states any size."""
+"""Small files of sound and of video in every container that can be written here."""
 
 import fractions
 import functools
 import io
-import struct
-import zlib
 from typing import cast
 
 import av
@@ -68,14 +66,3 @@ def ffmpeg_bytes(container: str, codec: str, images: str, channels: str = "stere
             output.mux(sound.encode(frame))
         output.mux(sound.encode(None))
     return file.getvalue()
-
-
-def png(width: int, height: int) -> bytes:
-    """Return a PNG that states any size, and ends after 100 rows: its header alone must be enough to refuse it."""
-    packer = zlib.compressobj(9)
-    rows = b"".join(packer.compress(bytes(1 + 3 * min(width, 30_000))) for _ in range(100)) + packer.flush()
-    header = struct.pack(">2I5B", width, height, 8, 2, 0, 0, 0)
-    chunks = ((b"IHDR", header), (b"IDAT", rows), (b"IEND", b""))
-    return b"\x89PNG\r\n\x1a\n" + b"".join(
-        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data)) for kind, data in chunks
-    )

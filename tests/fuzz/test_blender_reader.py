@@ -13,7 +13,7 @@ import pytest
 from fixtures.glb_reader import join_glb, split_glb
 from fixtures.motions import swaying
 from fuzz.conftest import within_limits
-from fuzz.mutation import FUZZ, damaged_bytes, damaged_text, damaged_tree
+from fuzz.mutation import FUZZ, damaged_file, damaged_tree
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -66,39 +66,8 @@ def answers(addon, contents, tmp_path) -> Callable[[str, bytes], None]:
 
 @FUZZ
 @given(data=st.data(), suffix=st.sampled_from((".glb", ".vrma", ".bvh", ".json")))
-def test_damaged_bytes_are_answered(data, suffix, answers, contents):
-    answers(suffix, data.draw(damaged_bytes(contents[suffix])))
-
-
-@FUZZ
-@given(data=st.data(), suffix=st.sampled_from((".glb", ".vrma")))
-def test_a_damaged_tree_of_a_glb_is_answered(data, suffix, answers, contents):
-    tree, blob = split_glb(contents[suffix])
-    part = data.draw(st.sampled_from(("", *tree)))
-    damaged = damaged_tree(tree) if not part else damaged_tree(tree[part]).map(lambda value: tree | {part: value})
-    answers(suffix, join_glb(data.draw(damaged), blob))
-
-
-@FUZZ
-@given(data=st.data(), suffix=st.sampled_from((".glb", ".vrma")))
-def test_damaged_arrays_of_a_glb_are_answered(data, suffix, answers, contents):
-    tree, blob = split_glb(contents[suffix])
-    answers(suffix, join_glb(tree, data.draw(damaged_bytes(blob))))
-
-
-@FUZZ
-@given(data=st.data())
-def test_a_damaged_table_is_answered(data, answers, contents):
-    table = json.loads(contents[".json"])
-    part = data.draw(st.sampled_from(("", "joints", "frames")))
-    damaged = damaged_tree(table) if not part else damaged_tree(table[part]).map(lambda value: table | {part: value})
-    answers(".json", json.dumps(data.draw(damaged)).encode())
-
-
-@FUZZ
-@given(data=st.data())
-def test_a_damaged_bvh_is_answered(data, answers, contents):
-    answers(".bvh", data.draw(damaged_text(contents[".bvh"].decode())))
+def test_a_damaged_file_is_answered(data, suffix, answers, contents):
+    answers(suffix, data.draw(damaged_file(f"m{suffix}", contents[suffix])))
 
 
 @FUZZ
@@ -112,40 +81,25 @@ def test_a_damaged_table_of_names_is_answered(data, addon, tmp_path):
         assert str(error).isprintable() and len(str(error)) < 1_000
 
 
-def cases(contents: dict[str, bytes]) -> dict[str, tuple[str, bytes, str]]:
-    """Files that once ended in another exception, or took minutes or all memory, and what is said of them."""
+def bombs(contents: dict[str, bytes]) -> dict[str, tuple[str, bytes, str]]:
+    """Files that once took minutes or all memory, and what is said of them."""
     tree, blob = split_glb(contents[".glb"])
-    table = json.loads(contents[".json"])
     circle = tree | {"nodes": [node | {"children": [index]} for index, node in enumerate(tree["nodes"])]}
     chain = [{"name": f"n{index}", "children": [index + 1]} for index in range(100_000)]
-    clip = tree["animations"][0]
-    again = tree | {"animations": [clip | {"channels": clip["channels"] * 1000}]}
-    no_columns = "HIERARCHY\nROOT a\n{\nOFFSET 0 0 0\n}\nMOTION\nFrames: 999999999\nFrame Time: 0.1\n"
+    no_columns = b"HIERARCHY\nROOT a\n{\nOFFSET 0 0 0\n}\nMOTION\nFrames: 999999999\nFrame Time: 0.1\n"
     deep = b'{"a":' * 200_000 + b"1" + b"}" * 200_000
-    one = "HIERARCHY\nROOT a\n{\nOFFSET 0 0 0\nCHANNELS 1 Xrotation\n}\nMOTION\nFrames: 1\nFrame Time: %s\n0\n"
-    corners = tree["meshes"][0]["primitives"][0]
-    wild = corners | {"indices": corners["attributes"]["JOINTS_0"]}
     return {
         "a circle of nodes": (".glb", join_glb(circle, blob), "in a circle"),
         "a chain of nodes": (".glb", join_glb(tree | {"nodes": chain}, blob), "100000 nodes"),
-        "channels again": (".glb", join_glb(again, blob), "two channels for one joint"),
-        "indices out of range": (".glb", join_glb(tree | {"meshes": [{"primitives": [wild]}]}, blob), "not a motion"),
-        "extras of another type": (".glb", join_glb(tree | {"scenes": [{"extras": [1]}]}, blob), "another kind"),
         "deep": (".json", deep, "nested too deep"),
         "deep in a glb": (".glb", contents[".glb"][:12] + struct.pack("<2I", len(deep), 0) + deep, "nested too deep"),
-        "a number without end": (".json", json.dumps(table | {"fps": 10**400}).encode(), "too large"),
-        "no rate": (".json", json.dumps(table | {"fps": float("nan")}).encode(), "nan frames a second"),
-        "no frames": (".json", json.dumps(table | {"frames": []}).encode(), "0 frames"),
-        "a list": (".json", b"[]", "another kind"),
         "lists": (".json", b"[" + b"[]," * 9_000_000 + b"[]]", "objects and lists"),
-        "frames without numbers": (".bvh", no_columns.encode(), "999999999 frames"),
-        "no time": (".bvh", (one % "0").encode(), "division by zero"),
-        "time that is no number": (".bvh", (one % "nan").encode(), "not a motion"),
+        "frames without numbers": (".bvh", no_columns, "999999999 frames"),
     }
 
 
-def test_what_was_answered_by_another_exception_is_refused_in_one_line(addon, contents, tmp_path):
-    for name, (suffix, content, what) in cases(contents).items():
+def test_a_file_that_unfolds_is_refused_in_one_line(addon, contents, tmp_path):
+    for name, (suffix, content, what) in bombs(contents).items():
         (tmp_path / f"m{suffix}").write_bytes(content)
         with within_limits(), pytest.raises(addon.motion.MotionError) as raised:
             addon.reading.read_motion(tmp_path / f"m{suffix}")

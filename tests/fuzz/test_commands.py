@@ -7,6 +7,7 @@ import subprocess
 import sys
 import textwrap
 
+import numpy as np
 import pytest
 from fuzz.conftest import one_line
 from fuzz.mutation import FUZZ, damaged_text
@@ -16,6 +17,8 @@ from hypothesis import strategies as st
 from ha2g_jax import cli, launch
 from ha2g_jax.config import settings
 from ha2g_jax.limits import MAX_SEED, MAX_TALK_MINUTES, MAX_TALK_SPEAKERS
+from ha2g_jax.motion import control
+from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.synthesis.style import read_mixture
 from ha2g_jax.train.workdir import read_metrics
 
@@ -56,6 +59,20 @@ def test_any_name_of_a_config_gives_one_or_one_line(spec, tmp_path, monkeypatch)
 def test_any_mixture_is_read_or_refused(text):
     with one_line():
         read_mixture(text)
+
+
+ODD_PARTS = ["0", "1", "-1", "nan", "inf", "1e300", "", "rest", "x.npz@1", "/dev/zero", "x" * 300, "\udcff"]
+
+
+@FUZZ
+@given(parts=st.lists(st.sampled_from(ODD_PARTS), max_size=4))
+def test_any_pin_and_mute_is_read_or_refused(parts):
+    skeleton, text = load_skeleton("ted_expressive"), ":".join(parts)
+    directions = np.tile(skeleton.mean_directions, (20, 1, 1)).astype(np.float32)
+    with one_line():
+        control.apply(skeleton, directions, 15, control.Controls(pins=(control.read_pin(text),)))
+    with one_line():
+        control.apply(skeleton, directions, 15, control.Controls(mutes=(control.read_mute(text),)))
 
 
 @pytest.mark.parametrize("seed", ["-1", str(MAX_SEED + 1), "9" * 5000, "1e3", "nan", ""])

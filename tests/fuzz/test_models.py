@@ -151,38 +151,22 @@ def test_whisper_folders(answered, whisper, tmp_path, data):
     answered(lambda path: whisper_weights.load(path.parent), damaged, name)
 
 
-def change(folder: pathlib.Path, name: str, setting: str, value: object) -> None:
-    """Change a value of a JSON file by its dotted name."""
-    values = json.loads((folder / name).read_text())
-    *path, last = setting.split(".")
-    part = functools.reduce(lambda part, key: part[key], path, values)
-    part[last] = value
-    (folder / name).write_text(json.dumps(values))
-
-
-UNUSABLE = {
-    "model.inferer.layers": [10**6, 0, -1, 2.5, "4", None, True, [4]],
-    "model.audio.resnet_se.blocks": [[10**6, 1, 1, 1], [], [1, 1, 1], [0, 1, 1, 1], 3],
-    "model.audio.resnet_se.channels": [[], [8, 8, 16, 10**9], [8, 8, 17, 32], [-8, 8, 16, 32]],
-    "model.audio.resnet_se.stem_stride": [[0, 1], [-1, 1], [4, 2], [10**9, 1], []],
-    "model.audio.resnet_se.dilation": [2],
-    "model.audio.resnet_se": [5],
-    "model.audio": [None, "resnet_se"],
-    "model.text.layers": [64],
-    "model.identity.images.width": [10**9],
-    "data.num_frames": [4, 10**9, 34.5],
-    "data.num_seed_frames": [0, 34],
-    "data.image_size": [10**6, 0],
-    "data.num_reference_images": [10**6],
-    "data.fps": [0, "15", 1e300, 10**400],
-    "model.audio.levels": [["x" * 10_000], [[]]],
-    "method": ["", "diffusion", ["ha2g"], {"ha2g": 1}],
-}
-
-
-@pytest.mark.parametrize(("setting", "value"), [(name, value) for name, them in UNUSABLE.items() for value in them])
+@pytest.mark.parametrize(
+    ("setting", "value"),
+    [
+        ("model.inferer.layers", 10**6),
+        ("model.audio.resnet_se.channels", [8, 8, 17, 32]),
+        ("model.audio", None),
+        ("data.fps", 10**400),
+        ("model.audio.levels", ["x" * 10_000]),
+        ("method", {"ha2g": 1}),
+    ],
+)
 def test_sizes_that_cannot_work_are_named(folder, refused, setting, value):
-    change(folder, CONFIG, setting, value)
+    values = json.loads((folder / CONFIG).read_text())
+    *path, last = setting.split(".")
+    functools.reduce(lambda part, key: part[key], path, values)[last] = value
+    (folder / CONFIG).write_text(json.dumps(values))
     assert CONFIG in refused("export-model", str(folder), str(folder / "out"))
 
 

@@ -39,7 +39,8 @@ def recording():
         joint_angles = bvh_files.swing(seconds, 30, how.pop("with_fingers", True))
         (folder / f"{stem}.bvh").write_text(bvh_files.bvh(joint_angles, name=mixamo, **how))
         noise = np.random.default_rng(0).normal(0, 0.1, round((sound or seconds) * 16000))
-        soundfile.write(folder / f"{stem}.wav", noise, 16000)
+        with (folder / f"{stem}.wav").open("wb") as file:
+            soundfile.write(file, noise, 16000, format="WAV")
         rows = [f"{0.5 * i}\t{0.5 * i + 0.4}\tword{i}" for i in range(int(2 * seconds))]
         (folder / f"{stem}.tsv").write_text("\n".join(["start\tend\tword", *rows]) + "\n")
         return folder / f"{stem}.bvh"
@@ -143,6 +144,13 @@ def test_a_transcript_called_words_is_of_one_recording_only(recording, tmp_path)
     shutil.copy(path, tmp_path / "in" / "other.bvh")
     with pytest.raises(UserError, match="no transcript"):
         import_bvh(tmp_path / "in", tmp_path / "second")
+
+
+def test_a_name_that_is_not_utf8_is_imported_as_text(recording, tmp_path):
+    name = "t\udcff\udce9 lk"
+    import_bvh(recording(tmp_path / name, name), tmp_path / "out")
+    (clip,) = Corpus.open(tmp_path / "out").clips("train")
+    assert clip.recording == clip.speaker == "t\\xff\\xe9 lk"
 
 
 def test_lengths_that_differ(recording, tmp_path, caplog):

@@ -107,3 +107,9 @@ def test_unreadable_cues_are_reported(tmp_path, caplog):
     path.write_text("WEBVTT\n\n00:01.000 --> 00:02.000\nhello\n\n00:02,000 --> 00:03,000\nlost\n")
     assert [word.text for word in transcripts.read_words(path)] == ["hello"]
     assert "1 of 2 cues cannot be read" in caplog.text
+
+
+def test_brackets_are_found_as_the_first_that_closes():
+    assert parsers.without_brackets("a (b [c) d] e", "[(", "-") == "a - d] e"
+    assert parsers.without_brackets("(" + "x" * 200 + ")y(" + "x" * 201 + ")", "(", "") == "y(" + "x" * 201 + ")"
+    assert parsers.without_brackets("<a\n> <b>", "<", "") == "<a\n> "
