@@ -143,17 +143,6 @@ def test_an_address_in_use_and_a_rig_that_does_not_exist(free_port):
         open_sinks(["udp://127.0.0.1:9"], stack, "lego")
 
 
-@pytest.mark.parametrize(
-    ("module", "text"), [("pythonosc", "vmc://127.0.0.1"), ("websockets.sync.server", "ws://127.0.0.1:9")]
-)
-def test_a_library_that_is_missing_is_said_in_one_line(monkeypatch, module, text):
-    for name in [name for name in sys.modules if name.startswith(f"{module}.")]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(UserError, match=r"pip install 'ha2g-jax\[live\]'"), contextlib.ExitStack() as stack:
-        open_sinks([text], stack)
-
-
 # The hierarchy of a Unity humanoid, as any receiver knows it.
 TRUNK = ("root", "Hips", "Spine", "Chest", "UpperChest", "Neck", "Head")
 ARM = ("Shoulder", "UpperArm", "LowerArm", "Hand")

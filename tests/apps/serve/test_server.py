@@ -3,7 +3,6 @@
 import os
 import signal
 import socket
-import sys
 import time
 from types import SimpleNamespace
 
@@ -15,12 +14,6 @@ from ha2g_jax import cli
 from ha2g_jax.apps.serve import server
 from ha2g_jax.apps.serve.settings import Settings, check
 from ha2g_jax.errors import UserError
-
-
-def test_a_missing_extra_is_one_line(monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "uvicorn", None)
-    assert cli.main(["serve"]) == 2
-    assert capsys.readouterr().err == "ha2g: ha2g serve needs uvicorn: pip install 'ha2g-jax[serve]'\n"
 
 
 def test_a_port_that_is_taken_is_one_line(capsys):

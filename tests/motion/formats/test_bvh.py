@@ -29,13 +29,6 @@ def test_other_readers_find_the_joints_where_they_are(animate, tmp_path, places,
     check_joints(tmp_path / "m.bvh", animate(rig=rig), places)
 
 
-@pytest.mark.parametrize(
-    ("skeleton", "rig"), [("ted_expressive", "ha2g"), ("ted_gesture", "ha2g"), ("ted_expressive", "unreal")]
-)
-def test_blender_finds_the_joints_where_they_are(animate, tmp_path, blender, skeleton, rig):
-    check_joints(tmp_path / "m.bvh", animate(skeleton, rig=rig), lambda path: blender(path, range(10)))
-
-
 def test_the_rest_pose_is_all_zeros_and_a_T(animate, tmp_path):
     """The left hand lies at +x, the head above, the nose ahead: y up, facing +z, in centimetres."""
     bvh.write(tmp_path / "m.bvh", animate())

@@ -167,13 +167,6 @@ def test_embody_3d(embody, expected, tmp_path, caplog):
     _compare(corpus, expected)
 
 
-def test_words_of_embody_3d_lie_beside_its_audio(embody, tmp_path):
-    (sound,) = embody.rglob("*.wav")
-    sound.with_suffix(".json").write_text(json.dumps({"segments": _segments()}))
-    import_smplx(embody, tmp_path / "out")
-    assert {word.text for clip in Corpus.open(tmp_path / "out").clips("train") for word in clip.words} == {"hands"}
-
-
 def test_a_person_who_was_never_tracked_and_marks_of_another_length(embody, tmp_path):
     for marks, message in ((np.zeros(FRAMES), "no frame in which"), (np.ones(5), "marks of good frames have shape")):
         for path in embody.rglob("missing/*.npy"):
