@@ -295,12 +295,7 @@ def _fringe(head: np.ndarray, look: Look, detail: int) -> np.ndarray:
 
 
 def _ellipse(
-    head: np.ndarray,
-    place: tuple[float, float, float],
-    across: float,
-    tall: float,
-    detail: int,
-    flat: bool = True,
+    head: np.ndarray, place: tuple[float, float, float], across: float, tall: float, detail: int, flat: bool = True
 ) -> np.ndarray:
     """Return an ellipse (T, n, 2) on the head: in the plane of the face if flat, else facing the camera."""
     angle = np.linspace(0, 2 * np.pi, 28 * detail, endpoint=False)

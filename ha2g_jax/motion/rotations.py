@@ -77,11 +77,7 @@ def fit(seen: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Fit the rotations from directions at rest to observed directions by least squares (Wahba's problem).
 
     They follow from the singular value decomposition of sum seen rest^T (F. L. Markley, "Attitude determination using
-    vector observations and the singular value decomposition", 1988).
-
-    Args:
-        seen: (T, k, 3) unit vectors.
-        rest: (k, 3) unit vectors.
+    vector observations and the singular value decomposition", 1988), for unit vectors (T, k, 3) and (k, 3) at rest.
 
     Returns:
         (T, 4) rotations, and (T,) certainties from 0, where all directions lie on one line, to 1, where they lie to

@@ -38,9 +38,7 @@ def ease_borders(motion: np.ndarray, window: int, overlap: int, *, from_start: b
     the border do not change, so that a stream can be treated window by window.
 
     Args:
-        motion: (T, bones, 3) unit vectors.
-        window: N.
-        overlap: M.
+        motion: (T, bones, 3) unit vectors, of windows of N frames with an overlap of M.
         from_start: whether the first M frames of the motion were given, too.
     """
     stride = window - overlap
@@ -86,8 +84,7 @@ class RunningJoin:
     windows have no frames but the seed pose in common, the result is that of `join_windows` and `ease_borders`.
 
     Args:
-        window: frames N of a window.
-        overlap: frames M of the seed pose.
+        window, overlap: frames N of a window and M of the seed pose.
         hop: frames from one window to the next, 1 to N - 2 M, or N - M.
         first: number of the first frame that is shown, M to N - hop; not used with a hop of N - M.
     """

@@ -180,11 +180,7 @@ def check_pack(pack: pathlib.Path, speech: pathlib.Path | None = None) -> Verdic
         return _check(paths, paths.__getitem__, speech)
     check_regular(pack, _EXPECTED)
     damage = (zipfile.BadZipFile, NotImplementedError, RuntimeError)
-    with (
-        reading(pack, _EXPECTED, *damage),
-        zipfile.ZipFile(pack) as archive,
-        tempfile.TemporaryDirectory() as folder,
-    ):
+    with reading(pack, _EXPECTED, *damage), zipfile.ZipFile(pack) as archive, tempfile.TemporaryDirectory() as folder:
         names = sorted(info.filename for info in archive.infolist() if not info.is_dir())
 
         def unpacked(name: str) -> pathlib.Path:

@@ -72,8 +72,6 @@ def from_motion(motion: Motion, count: int, *, betas: np.ndarray | None = None, 
     Pelvis, legs, place and face are those of the motion, where it has them; else the legs stand still.
 
     Args:
-        motion: motion of at least one frame, at any frame rate.
-        count: number of frames of the result.
         betas: (n,) shape of the body; zero by default.
         body: SMPL-X body model, with which the soles of a person who stands still touch the floor, y = 0, and `trans`
             is right for other motion; without it `trans` is the place of the pelvis, zero for one who stands still.
@@ -98,10 +96,9 @@ def from_file(
     joint_map: str = joint_maps.AUTO,
     source_fps: float | None = None,
 ) -> Sample:
-    """Read a motion of any kind; poses of SMPL-X with y up keep their values.
+    """Read a motion of any kind as `count` frames; poses of SMPL-X with y up keep their values.
 
     Args:
-        count: number of frames of the result.
         betas: (n,) shape of the body, in place of that of the file.
         body: see `from_motion`.
         joint_map, source_fps: see `motion.readers.read_motion`.

@@ -90,11 +90,7 @@ def _preference(choices: Choices, key: Key) -> dict[str, Any]:
     for at, name in enumerate(names):
         one = CrossedEstimate(*(np.asarray(column)[at] for column in result.strengths))
         elo = bradley_terry.ELO_CENTRE + bradley_terry.ELO_PER_LOGIT * one.value
-        found["strengths"][name] = {
-            **_json(one, "error"),
-            "elo": _number(elo),
-            "is_finite": bool(result.finite[at]),
-        }
+        found["strengths"][name] = {**_json(one, "error"), "elo": _number(elo), "is_finite": bool(result.finite[at])}
     return {
         **found,
         "differences": _rows(result.differences, names, "error"),

@@ -74,7 +74,6 @@ def read_answers(paths: Sequence[pathlib.Path], key: Key) -> Answers:
 
     Args:
         paths: files, and folders of files whose names end in `.json`.
-        key: key of the study.
 
     Raises:
         UserError: there is nothing at a path, a folder has no answer file, or there are too many files.
@@ -233,15 +232,11 @@ def _check(is_right: bool, what: str) -> None:
 
 
 class Ratings(NamedTuple):
-    """Ratings, n of them.
+    """Ratings, n of them: indices (n,) of what they are of, and the numbers (n, scales) that were chosen.
 
     Attributes:
         systems: names that `system` refers to.
-        participant: (n,) index of the participant.
-        clip: (n,) index of the clip whose sound is heard.
-        system: (n,) index of the system.
-        item: (n,) index of the item.
-        scores: (n, scales) numbers that were chosen.
+        clip: the clip whose sound is heard.
     """
 
     systems: tuple[str, ...]
@@ -253,15 +248,12 @@ class Ratings(NamedTuple):
 
 
 class Choices(NamedTuple):
-    """Choices between the two stimuli of a pair, n of them.
+    """Choices between the two stimuli of a pair, n of them: indices (n,) of what they are of.
 
     Attributes:
-        participant: (n,) index of the participant.
-        clip: (n,) index of the clip whose sound is heard.
-        item: (n,) index of the item.
-        first: (n,) index in `Key.systems` of the system of the first stimulus.
-        second: (n,) index of the system of the second stimulus.
-        outcome: (n,) 1 if the first one was preferred, -1 if the second one was, 0 if they were equal.
+        clip: the clip whose sound is heard.
+        first, second: indices in `Key.systems` of the systems of the two stimuli.
+        outcome: 1 if the first one was preferred, -1 if the second one was, 0 if they were equal.
     """
 
     participant: np.ndarray

@@ -39,13 +39,9 @@ class Strengths(NamedTuple):
 
 
 def wins_of(choices: Choices, num_systems: int, groups: np.ndarray) -> np.ndarray:
-    """Count how often each system was preferred to each other one; choices for neither do not count.
+    """Count the wins (groups, S, S) of the system of the row over that of the column; choices for neither are none.
 
-    Args:
-        groups: (n,) index of the participant or the clip of each choice.
-
-    Returns:
-        (groups, S, S) wins of the system of the row over that of the column.
+    `groups` (n,) has the index of the participant or the clip of each choice.
     """
     wins = np.zeros((groups.max(initial=0) + 1, num_systems, num_systems))
     np.add.at(wins, (groups, choices.first, choices.second), choices.outcome == 1)
@@ -64,11 +60,7 @@ def fit(wins: np.ndarray) -> np.ndarray:
 
 
 def standard_errors(wins: np.ndarray, strengths: np.ndarray, contrasts: np.ndarray) -> np.ndarray:
-    """Return the standard errors of contrasts of strengths (S,) if all choices were independent.
-
-    Args:
-        contrasts: (k, S) weights of the strengths, each row with a sum of 0.
-    """
+    """Return the standard errors of contrasts (k, S) of strengths (S,), which sum to 0, for independent choices."""
     covariance = np.linalg.pinv(_information(wins, strengths), hermitian=True)
     return np.sqrt(np.einsum("ks,st,kt->k", contrasts, covariance, contrasts))
 

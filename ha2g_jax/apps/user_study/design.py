@@ -138,13 +138,11 @@ def read_key(study: pathlib.Path) -> Key:
     del content["format"], content["version"]
     content |= {name: tuple(content[name]) for name in ("systems", "clips", "scales", "points")}
     content["stimuli"] = {name: Stimulus(**value) for name, value in content["stimuli"].items()}
-    content["items"] = tuple(_item(value) for value in content["items"])
+    content["items"] = tuple(
+        Item(value["id"], value["kind"], tuple(value.get("pair") or [value["stimulus"]]), value.get("expected"))
+        for value in content["items"]
+    )
     return Key(**content)
-
-
-def _item(value: dict[str, Any]) -> Item:
-    stimuli = value["pair"] if "pair" in value else [value["stimulus"]]
-    return Item(value["id"], value["kind"], tuple(stimuli), value.get("expected"))
 
 
 class Scene(NamedTuple):
@@ -193,7 +191,6 @@ def make_design(
     """Design a study; equal arguments give equal designs.
 
     Args:
-        systems: names of the systems.
         durations: length in seconds of each clip.
         parts: parts of the protocol, of `PARTS`.
         per_participant: items of each part that a participant answers at most; a participant answers an equal number

@@ -72,15 +72,8 @@ def crossed(
     """Return the t interval of a statistic over participants and clips.
 
     The variance is v_p + v_c, with (v_p + v_c)^2 / (v_p^2 / (P - 1) + v_c^2 / (C - 1)) degrees of freedom, as of min F'
-    (Clark 1973). With one clip the interval is about participants alone; with one participant there is none, nor
-    where all answers agree, as nothing is then known of how much others would differ.
-
-    Args:
-        value: (...) statistic of all answers.
-        participants: variance over participants.
-        clips: variance over clips.
-        least: variance that the sum is at least.
-        level: confidence level.
+    (Clark 1973), but at least `least`. With one clip the interval is about participants alone; with one participant
+    there is none, nor where all answers agree, as nothing is then known of how much others would differ.
     """
     variance, freedom = _total(participants, clips)
     variance = np.maximum(variance, least)
@@ -106,9 +99,7 @@ def _total(participants: Spread, clips: Spread) -> tuple[np.ndarray, np.ndarray]
 def ratio(sums: np.ndarray, counts: np.ndarray) -> Spread:
     """Return the delete-one variance of sum / count, such as a mean of all answers or a share of them.
 
-    Args:
-        sums: (..., G) sum over the answers of each participant or clip.
-        counts: (..., G) number of these answers.
+    The sums and the counts (..., G) are over the answers of each participant or clip.
     """
     left = counts.sum(-1, keepdims=True) - counts
     is_used = counts > 0
@@ -177,14 +168,7 @@ def interval(
     Korn and Graubard 1998: the interval of Clopper and Pearson for n* choices in place of n, with
     n* = value (1 - value) / variance, and times (t_(n - 1) / t_d)^2, because the variance is estimated with d degrees
     of freedom. n* is at most n. A share of 0 or 1 has no variance: there n* is the number of participants, as if each
-    of them would always choose the same.
-
-    Args:
-        value: (...) share.
-        count: (...) number of choices n.
-        participants: variance of the share over participants.
-        clips: variance of the share over clips.
-        level: confidence level.
+    of them would always choose the same. Of `count` choices n, `value` is the share.
 
     Returns:
         Lower bound, upper bound, and the two-sided p-value of a share of a half: twice the smaller tail of the binomial
@@ -215,10 +199,7 @@ def system_differences(
     rest. In a complete design this is the difference of the means; in an incomplete one, participants who rate low or
     clips that are hard count for no system. An interval has the differences between participants and between clips.
 
-    Args:
-        scores: (n,) ratings.
-        participants, clips, systems: (n,) indices of each.
-        num_systems: number of systems.
+    The scores (n,) are by a participant, about a clip and a system, whose indices are (n,), too.
 
     Returns:
         Estimates (pairs,): first system less second. NaN where no answers connect the two, such as of participants who
@@ -250,12 +231,7 @@ def system_differences(
 def _normal_equations(counts: np.ndarray, sums: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the normal equations of systems and clips for each participant, whose own effect is eliminated.
 
-    Args:
-        counts: (P, S, C) number of ratings.
-        sums: (P, S, C) sum of ratings.
-
-    Returns:
-        Matrices (P, S + C, S + C) and right sides (P, S + C).
+    They are matrices (P, S + C, S + C) and right sides (P, S + C), from the numbers and the sums of ratings (P, S, C).
     """
     num_systems = counts.shape[1]
     seen = np.concatenate([counts.sum(2), counts.sum(1)], axis=1)
@@ -286,10 +262,8 @@ def fleiss_kappa(table: np.ndarray) -> float:
 
     P is the mean over items of the share of pairs of answers that agree, sum_j n_ij (n_ij - 1) / (n_i (n_i - 1)), and
     P_e = sum_j p_j^2 with p_j the mean over items of n_ij / n_i. Fleiss 1971 has the same number of answers n_i for all
-    items; with other numbers these are the means of Gwet 2014, and items with fewer than two answers do not count.
-
-    Args:
-        table: (items, categories) number of answers.
+    items; with other numbers these are the means of Gwet 2014, and items with fewer than two answers do not count. The
+    table (items, categories) has the numbers of answers n_ij.
 
     Returns:
         Kappa: 1 for perfect agreement, 0 for that of chance; NaN if no item has two answers, or if all answers of the
@@ -305,11 +279,9 @@ def fleiss_kappa(table: np.ndarray) -> float:
 
 
 def agreement(participants: np.ndarray, clips: np.ndarray, items: np.ndarray, answers: np.ndarray) -> CrossedEstimate:
-    """Return Fleiss' kappa of answers, which agree if they are equal, with an interval over participants and clips.
+    """Return Fleiss' kappa of answers (n,), which agree if equal, with an interval over participants and clips.
 
-    Args:
-        participants, clips, items: (n,) indices of each answer.
-        answers: (n,) answers.
+    The indices of the participant, the clip and the item of each answer are (n,), too.
     """
     _, item = np.unique(items, return_inverse=True)
     _, category = np.unique(answers, return_inverse=True)

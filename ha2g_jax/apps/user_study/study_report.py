@@ -237,12 +237,8 @@ def _interval(one: Mapping[str, Any]) -> str:
         return "-"
     if one["low"] is None or one["high"] is None:
         return number(one["value"])
-    low, high = (_bound(one[name]) for name in ("low", "high"))
+    low, high = ("no bound" if isinstance(one[name], str) else number(one[name]) for name in ("low", "high"))
     return f"{number(one['value'])} [{low}, {high}]"
-
-
-def _bound(value: float | str) -> str:
-    return "no bound" if isinstance(value, str) else number(value)
 
 
 def _p(value: float | None) -> str:
@@ -262,9 +258,7 @@ def _count(count: int, noun: str) -> str:
 def write_report(results: Mapping[str, Any], out: pathlib.Path) -> pathlib.Path:
     """Write the report as an HTML page, as Markdown with charts, and as JSON, and return the path of the page.
 
-    Args:
-        results: return value of `analysis.analyse`.
-        out: folder to write, which may exist; each file is written completely or not at all.
+    The folder may exist; each file is written completely or not at all.
 
     Raises:
         UserError: a file cannot be written, or matplotlib is missing.

@@ -8,15 +8,4 @@ from ha2g_jax.motion.control.controls import NEUTRAL, Controls, Pin, Span, check
 from ha2g_jax.motion.control.effects import apply
 from ha2g_jax.motion.control.parts import rest_pose
 
-__all__ = [
-    "NEUTRAL",
-    "Controls",
-    "Pin",
-    "Span",
-    "apply",
-    "check",
-    "describe",
-    "read_mute",
-    "read_pin",
-    "rest_pose",
-]
+__all__ = ["NEUTRAL", "Controls", "Pin", "Span", "apply", "check", "describe", "read_mute", "read_pin", "rest_pose"]

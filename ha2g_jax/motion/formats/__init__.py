@@ -33,7 +33,7 @@ def export(
     same bytes. The file is written completely or not at all.
 
     Args:
-        path: file to write; its suffix is one of `SUFFIXES`.
+        path: file whose suffix is one of `SUFFIXES`.
         rig: name of the rig whose joints the file has, one of `rigs.RIGS`.
         audio_seconds: length of the speech in seconds, stored in `.glb` and `.vrma`; by default the length that is
             stored in `motion.meta`, or else that of the motion.

@@ -73,7 +73,6 @@ def write(
     input gives the same bytes.
 
     Args:
-        path: `.png` or `.svg` file to write.
         motion: one motion, or several by name; the name is written above the row.
         size: width and height of each picture in pixels.
 

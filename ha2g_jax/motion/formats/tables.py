@@ -87,11 +87,7 @@ def _rounded(values: np.ndarray) -> list:
 
 
 def write_smplx(
-    path: str | pathlib.Path,
-    animation: Animation,
-    *,
-    moves: bool = False,
-    face: Mapping[str, np.ndarray] | None = None,
+    path: str | pathlib.Path, animation: Animation, *, moves: bool = False, face: Mapping[str, np.ndarray] | None = None
 ) -> None:
     """Write an `.npz` file of the poses of an animation of the rig smplx, with the names of AMASS and BEAT2.
 

@@ -22,10 +22,7 @@ found = {}
 def receive(event):
     name = event.joint if isinstance(event.joint, str) else event.joint.value
     position, rotation = event.position, event.rotation
-    found[name] = [
-        [position.x, position.y, position.z],
-        [rotation.x, rotation.y, rotation.z, rotation.w],
-    ]
+    found[name] = [[position.x, position.y, position.z], [rotation.x, rotation.y, rotation.z, rotation.w]]
 
 
 osc = OSC(as_eventloop)

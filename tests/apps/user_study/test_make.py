@@ -145,10 +145,7 @@ SPOILT = {
     "no sound of clip-two": lambda root: (root / "speech" / "clip-two.wav").unlink(),
     "0.3 s of motion for 1.2 s of sound": lambda root: shorten(root / SYSTEMS[0] / "clip-one.npz"),
 }
-WRONG_OPTIONS = {
-    "3 clips of 2": ("--clips", "3"),
-    "even sides": ("--size", "63"),
-}
+WRONG_OPTIONS = {"3 clips of 2": ("--clips", "3"), "even sides": ("--size", "63")}
 
 
 @pytest.mark.parametrize("message", SPOILT | WRONG_OPTIONS)

@@ -147,10 +147,7 @@ CHANNELS = {
         *(f"6 {POSITIONS} {ROTATIONS}", f"6 {POSITIONS} {ROTATIONS}"),
         lambda row: [*row[:6], *"010", *row[6:9], *"200", *row[9:]],
     ),
-    "rotations first": (
-        *(f"6 {ROTATIONS} {POSITIONS}", f"3 {ROTATIONS}"),
-        lambda row: [*row[3:6], *row[:3], *row[6:]],
-    ),
+    "rotations first": (*(f"6 {ROTATIONS} {POSITIONS}", f"3 {ROTATIONS}"), lambda row: [*row[3:6], *row[:3], *row[6:]]),
     "no place": (f"3 {ROTATIONS}", f"3 {ROTATIONS}", lambda row: row[3:]),
 }
 
