@@ -76,14 +76,6 @@ def test_speakers_of_another_model_have_names_only(debug_folder, capsys):
     assert "nothing about how they move" in capsys.readouterr().out
 
 
-def test_the_demo_can_be_exported(tmp_path, capsys):
-    assert cli.main(["model", "export", "demo", str(tmp_path / "folder")]) == 0
-    weights = pathlib.Path(cli.__file__).parent.parent / "assets" / "demo" / "model.safetensors"
-    assert (tmp_path / "folder" / "model.safetensors").read_bytes() == weights.read_bytes()
-    assert cli.main(["model", "export", str(tmp_path / "nothing"), str(tmp_path / "other")]) == 2
-    assert "no model in" in capsys.readouterr().err
-
-
 def test_sigterm_leaves_nothing_half_written(tmp_path, monkeypatch):
     """It ends a command with the exit code of a shell, and the handling of the process is as before."""
 

@@ -36,11 +36,11 @@ def write(skeleton, perform, tmp_path):
     return write
 
 
-def test_a_number_behind_the_name_makes_one_of_several_motions(write):
-    motion = write("motion", ["a.1", "a_gestures.2", "b", "c.1", "b.x"])
+def test_a_number_behind_the_name_or_a_folder_of_samples_makes_one_of_several_motions(write):
+    motion = write("motion", ["a.1", "a_gestures.2", "b", "c.1", "b.x", "sample_2/b"])
     reference = write("reference", ["a", "b", "c.1"])
     folders = from_folders(motion, reference)
-    assert [clip.id for clip in folders.motion] == ["a", "a", "b", "c.1"]
+    assert [clip.id for clip in folders.motion] == ["a", "a", "b", "c.1", "b"]
     assert [clip.id for clip in folders.reference] == ["a", "b", "c.1"]
     assert folders.notes == ["files of motion that have no counterpart and are left out: 1"]
 

@@ -14,11 +14,11 @@ from ha2g_jax.errors import UserError
 class FakeRuns:
     """Stands for training and scoring: a row's FGD is its seed plus 1, of HA2G less.
 
-    `unlucky` are words in the names of runs that fail, `interrupted` of those that stop half-way.
+    `unlucky` are words in the names of runs that fail.
     """
 
-    def __init__(self, unlucky=(), interrupted=()):
-        self.unlucky, self.interrupted = unlucky, interrupted
+    def __init__(self, unlucky=()):
+        self.unlucky = unlucky
         self.trained: list[str] = []
         self.scored: list[str] = []
         self.workers: set[int] = set()
@@ -40,8 +40,7 @@ class FakeRuns:
             path.write_text(json.dumps(self._scores(run)))
 
     def _train(self, run):
-        steps = run.config.train.steps // 2 if any(word in run.name for word in self.interrupted) else None
-        steps = steps or run.config.train.steps
+        steps = run.config.train.steps
         run.workdir.mkdir(exist_ok=True)
         (run.workdir / "config.json").write_text(run.config.to_json())
         for name in ("best", "latest"):

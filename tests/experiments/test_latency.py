@@ -74,13 +74,6 @@ def test_answers_follow_from_the_scores(results):
     assert "beat F1 gain is above 0 from this look-ahead on: hidden ends 2 frames (133 ms)" in found
 
 
-def test_one_seed_answers_nothing(results):
-    one = results._replace(curves={HIDDEN: curve(dict.fromkeys(LOOK_AHEADS, 0.2), seeds=1)})
-    found = "\n".join(answers(one))
-    assert found.count("**undecided**") == 3 and "none of them" not in found
-    assert "hidden ends: **0 frames (0 ms)**; with the whole interval of the loss within 0.05: -" in found
-
-
 def test_the_page_has_questions_before_numbers(results):
     page = as_markdown(results, "latency")
     places = [
@@ -128,11 +121,3 @@ def test_missing_runs_are_made_once_and_reported(request_, tmp_path):
     assert len(performed) == 5 and "no memory" not in out.read_text() and out.with_suffix(".svg").exists()
     assert command.study_latency(request_._replace(has_training=False), out, "the command", Stop(), perform)
     assert len(performed) == 5
-
-
-def test_only_finished_runs_are_scored_without_training(request_, tmp_path):
-    request = request_._replace(has_training=False)
-    assert not command.study_latency(request, tmp_path / "page.md", "the command", Stop(), _perform)
-    assert (tmp_path / "page.md").read_text().count("not trained") == 4
-    with pytest.raises(UserError, match="no clips in the split tset"):
-        command.study_latency(request._replace(split="tset"), tmp_path / "page.md", "the command", Stop(), _perform)

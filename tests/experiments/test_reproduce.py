@@ -94,18 +94,6 @@ def test_a_failed_run_is_reported_and_tried_again(request_):
     assert [name.split("-")[2] for name in again.trained] == ["trimodal", "trimodal"]
 
 
-def test_an_unfinished_run_is_only_scored_without_training(request_):
-    request = request_._replace(table="table12", seeds=(0,), changes={"train.steps": 8})
-    is_whole, report = run_study(request, FakeRuns(interrupted=("ha2g",)))
-    assert not is_whole and "it ended without scores" in report
-    runs = FakeRuns()
-    request = request._replace(table="table3", has_training=False)
-    is_whole, report = run_study(request, runs)
-    assert not runs.trained and len(runs.scored) <= 1
-    assert "| HA2G Full | 5.306, 0.715, 173.9 | 0.500 |" in report and "4 of 8" in report
-    assert "- HA2G without text, seed 0: failed: not trained" in report and not is_whole
-
-
 def test_scores_are_made_anew_when_what_they_depend_on_changes(request_, corpus, monkeypatch):
     request = request_._replace(table="table12", seeds=(0,))
     run_study(request, FakeRuns())

@@ -5,7 +5,6 @@ import types
 from typing import Any
 
 import numpy as np
-import pytest
 
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.features.text import Vocabulary
@@ -48,13 +47,6 @@ def test_one_speaker_is_varied_and_without_any_the_prior_is_drawn():
     prior = draw({}, 1000)
     np.testing.assert_allclose(prior.std(0), 1, rtol=0.1)
     np.testing.assert_allclose(prior.mean(0), 0, atol=0.1)
-
-
-@pytest.mark.parametrize("speakers", [{}, {"a": np.zeros(DIM)}, {"a": np.zeros(DIM), "b": np.ones(DIM)}])
-def test_the_seed_of_the_style_decides(speakers):
-    same = draw(speakers, 2, seed=7)
-    np.testing.assert_array_equal(same[0], same[1])
-    assert np.abs(same[0] - draw(speakers, 1, seed=8)[0]).max() > 1e-3
 
 
 def test_choices_are_those_of_generate(debug_onnx, monkeypatch):

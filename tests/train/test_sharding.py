@@ -82,14 +82,6 @@ def test_validation_runs_on_the_mesh(start):
         np.testing.assert_allclose(value, results[1][name], rtol=1e-4)
 
 
-def test_batch_is_split_and_state_is_whole(start):
-    mesh = sharding.data_mesh()
-    batch = sharding.shard_batch(mesh, start[2][0])
-    assert {shard.data.shape for shard in batch["mel"].addressable_shards} == {(1, 128, 70)}
-    whole = sharding.replicate(mesh, jnp.arange(3))
-    assert {shard.data.shape for shard in whole.addressable_shards} == {(3,)}
-
-
 @pytest.mark.parametrize("original", [np.zeros(4096, np.float32), jnp.zeros(4096)], ids=["numpy", "jax"])
 def test_what_was_replicated_stays_valid_when_the_copy_is_given_up(original):
     copies = sharding.replicate(sharding.data_mesh(), original)

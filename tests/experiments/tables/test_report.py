@@ -186,11 +186,3 @@ def test_nearer_is_less_distance_on_either_side_of_the_truth():
 def test_noise_or_a_worse_fit_is_no_help_but_a_better_fit_is(jerks, fit, sentence):
     _, section = _gan([{"jerk_ratio": jerk} for jerk in jerks], [{"jerk_ratio": 0.5}] * 3, [fit] * 3)
     assert sentence in section
-
-
-def test_a_run_without_scores_does_not_count_and_without_a_fit_nothing_is_said():
-    jerks = [{"jerk_ratio": 0.9 + 0.01 * seed} for seed in range(3)]
-    without = [{"jerk_ratio": 0.5}] * 3
-    broken = _gan([*jerks, None], [*without, without[0]], [1.03, 1.05, 1.04, 2.0])
-    assert broken == _gan(jerks, without, [1.03, 1.05, 1.04])
-    assert "because a run has not logged" in _gan(jerks, without, [1.0, None, 1.0])[1]

@@ -77,12 +77,3 @@ def test_each_worker_has_its_share_of_the_cores(monkeypatch):
     assert [runs._cores(worker, 2) for worker in (0, 1)] == [[2, 3], [4, 5]]
     assert [runs._cores(worker, 7) for worker in (0, 6)] == [[2], [3]]
     assert runs._cores(0, 1) == []
-
-
-def test_processes_at_once_share_an_accelerator_and_the_threads_of_numpy(tmp_path):
-    """NumPy starts a thread for each core of the machine, and they wait for work in a loop."""
-    threads = "OPENBLAS_NUM_THREADS"
-    found = runs._environment(_request(tmp_path, jobs=3), 4, {})
-    assert (found["XLA_PYTHON_CLIENT_MEM_FRACTION"], found[threads]) == ("0.30", "4")
-    assert runs._environment(_request(tmp_path, jobs=2), 4, {threads: "1"})[threads] == "1"
-    assert threads not in runs._environment(_request(tmp_path, jobs=1), 0, {})
