@@ -10,7 +10,6 @@ from xml.etree import ElementTree
 
 import pytest
 import yaml
-from PIL import Image
 
 from ha2g_jax import launch
 
@@ -47,13 +46,6 @@ def _with_names(script, **names):
 
 def _bash(script):
     return subprocess.run(["bash", "-euo", "pipefail", "-c", script], capture_output=True, text=True, check=False)
-
-
-def test_shell_can_be_read():
-    shell = [text for language, text in BLOCKS if language in ("bash", "sh")]
-    assert len(shell) >= 4
-    for text in shell:
-        assert subprocess.run(["bash", "-n"], input=text, text=True, check=False).returncode == 0
 
 
 def test_slurm_reads_all_its_lines():
@@ -135,13 +127,6 @@ def test_pages_that_the_code_names_exist():
     code = [path.read_text() for path in (ROOT / "ha2g_jax").rglob("*.py")]
     named = {name for text in code for name in re.findall(r"\bdocs/[\w/]+\.md", text)}
     assert len(named) > 10 and not [name for name in named if not (ROOT / name).exists()]
-
-
-def test_moving_picture_of_the_readme():
-    path = ROOT / "docs" / "images" / "demo.gif"
-    assert path.stat().st_size < 3 << 19
-    with Image.open(path) as picture:
-        assert getattr(picture, "n_frames", 1) >= 30 and max(picture.size) <= 480
 
 
 def test_diagram_of_the_packages_has_those_of_the_contract():

@@ -222,14 +222,11 @@ def generate_clip(
     has_words: bool = True,
     look_ahead: int | None = None,
 ) -> np.ndarray:
-    """Generate the direction vectors (T, bones, 3) of a motion for the speech of a clip.
+    """Generate the direction vectors (T, bones, 3) of a motion for the speech of a clip, in a style (style_dim,).
 
-    Args:
-        style: (style_dim,) style of the motion.
-        seed: seed of everything that the model draws.
-        start: (seed frames, bones, 3) poses to begin with; drawn by the model by default, and in a stream always.
-        has_words: whether a model that reads words gets them.
-        look_ahead: frames of speech that a stream hears beyond each frame, see `Model.stream`; None for the whole clip.
+    The model draws the start poses (seed frames, bones, 3) that are not given, and those of a stream always. A stream
+    hears `look_ahead` frames of speech beyond each frame; by default the whole clip is heard. Words are for a model
+    that reads them.
 
     Raises:
         UserError: the model cannot follow a stream, or not with this look-ahead.

@@ -37,13 +37,8 @@ def write_sample(
 ) -> None:
     """Write the video `folder`/step-00001000.mp4 of ten seconds: true motion on the left, generated on the right.
 
-    The style is that of `clip_style`. A sample that cannot be written does not end the run, but is reported on stderr.
-
-    Args:
-        folder: folder of the samples; created if it does not exist.
-        step: number of steps that the model was trained for.
-        spec, variables, assets, config: the model; variables are arrays of this host.
-        clip: clip with speech and true motion.
+    The model was trained for `step` steps, and its variables are arrays of this host. The style is that of
+    `clip_style`. A sample that cannot be written does not end the run, but is reported on stderr.
     """
     audio = clip.audio[: _SECONDS * SAMPLE_RATE]
     fps, skeleton = config.data.fps, assets.skeleton

@@ -182,15 +182,10 @@ def _number(value: float) -> float | None:
 
 
 def rows_with_chance(trials: Sequence[Trial], fps: float, first_frame: int, seed: int) -> dict[str, CauseRow]:
-    """Return what the metrics of known causes measure of motions, with the chance level.
+    """Return what the metrics of known causes measure of motions, each against its own clip, with the chance level.
 
-    Args:
-        trials: motion of each clip, scored against its own clip.
-        seed: seed of the choice of the other clips.
-
-    Returns:
-        The row "model", which contains the chance level, and the row "mismatched speech": the motions for up to
-        `MISMATCHES` clips of other recordings, against each clip. A row without trials is left out.
+    They are the row "model", which contains the chance level, and the row "mismatched speech": the motions for up to
+    `MISMATCHES` clips of other recordings, drawn by the seed, against each clip. A row without trials is left out.
     """
     partners = _partners([trial.truth.clip for trial in trials], seed)
     mismatched = [

@@ -270,13 +270,7 @@ def join(
 ) -> np.ndarray:
     """Return the joined frames (T, bones, 3) of the windows that cover checked speech; they may be longer than it.
 
-    Args:
-        generator: trained generator.
-        audio: (samples,) float32 mono samples at 16 kHz.
-        f_id: (style_dim,) style.
-        seed: seed of the noise and of the choice of a seed pose.
-        words: words of the audio, for a model that reads words.
-        start: (M, bones, 3) unit vectors, the seed pose; by default `seed` selects one stored with the model.
+    The arguments are those of `Generator.sample_windows`; without a `start`, the seed selects a seed pose of the model.
 
     Raises:
         UserError: the values of the model are not finite.

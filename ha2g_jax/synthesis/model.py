@@ -110,9 +110,8 @@ class Model(Generator[Spec]):
 def load(source: str | pathlib.Path = "demo") -> Model:
     """Load a trained model.
 
-    Args:
-        source: "demo" for the model of the package, a folder that `ha2g model export` wrote, a workdir of `ha2g train`,
-            or hf://OWNER/NAME@REVISION for a model on the Hugging Face Hub.
+    The source is "demo" for the model of the package, a folder that `ha2g model export` wrote, a workdir of
+    `ha2g train`, or hf://OWNER/NAME@REVISION for a model on the Hugging Face Hub.
 
     Raises:
         UserError: there is no model, it is damaged, or it generates no motion, such as the pose auto-encoder.
@@ -148,11 +147,8 @@ def generate_directions(
 def encode_features(model: Model, audio: np.ndarray) -> Features:
     """Return the audio features f_low, f_mid and f_high of a clip, each (T, 32) at the frame rate of the model.
 
-    Where two windows overlap, each frame is taken from the window whose border is farther away.
-
-    Args:
-        model: trained model with three audio levels.
-        audio: (samples,) float32 mono samples at 16 kHz.
+    The model has three audio levels, and the clip (samples,) float32 mono samples at 16 kHz. Where two windows overlap,
+    each frame is taken from the window whose border is farther away.
     """
     overlap = model.spec.num_seed_frames
     keep = slice(overlap // 2, overlap // 2 + model.spec.num_frames - overlap)

@@ -75,18 +75,10 @@ def sample_windows(
     seed: int,
     count: int,
 ) -> np.ndarray:
-    """Sample the poses of K windows, each from the last poses of the one before.
+    """Sample the poses (K, N, bones, 3) of K = `count` windows, unit vectors, each from the last poses before it.
 
-    Args:
-        spec, variables: the generator.
-        chunks: features of the windows, from `encode_chunks`; closed at the end.
-        style: (style_dim,) style of all of them.
-        start: (M, bones, 3) unit vectors, the seed pose of the first window.
-        seed: seed of the noise; window k has the same noise in a clip of any length.
-        count: number of windows, K.
-
-    Returns:
-        (K, N, bones, 3) unit vectors.
+    Their features are the chunks of `encode_chunks`, which is closed at the end. All have the style (style_dim,), and
+    `start` (M, bones, 3) is the seed pose of the first. Window k has the same noise in a clip of any length.
     """
     style, pose, key = np.asarray(style, np.float32), np.asarray(start, np.float32), jax.random.key(seed)
     parts = []
@@ -112,15 +104,10 @@ def _sample(
     key: jax.Array,
     first: jax.Array,
 ) -> tuple[jax.Array, jax.Array]:
-    """Sample consecutive windows of a clip, whose features have a leading axis of K windows.
+    """Sample K consecutive windows of a clip, whose features have a leading axis (K, ...).
 
-    Args:
-        start: (M, bones, 3) unit vectors, the last poses of the window before.
-        key: key of the clip.
-        first: () number of the first of the windows in the clip.
-
-    Returns:
-        The last M poses, and the poses of the windows (K, N, bones, 3), all unit vectors.
+    `first` () is the number of the first of them, and `start` (M, bones, 3) are the last poses before it. Return the
+    last M poses, and the poses of the windows (K, N, bones, 3).
     """
 
     def window(seed: jax.Array, inputs: Any) -> tuple[jax.Array, jax.Array]:
@@ -143,18 +130,10 @@ def generate_window(
     key: jax.Array,
     index: jax.Array,
 ) -> jax.Array:
-    """Encode the speech of one window of a stream and sample its poses.
+    """Encode the speech of one window of a stream, and sample its poses (N, bones, 3), unit vectors.
 
-    Args:
-        spec, variables: the generator.
-        speech: speech inputs of the window, without a batch axis.
-        style: (style_dim,) style.
-        start: (M, bones, 3) unit vectors, the seed pose.
-        key: key of the stream.
-        index: () number of the window.
-
-    Returns:
-        (N, bones, 3) unit vectors.
+    The speech inputs have no batch axis; style (style_dim,) and seed pose (M, bones, 3) are those of `sample_windows`,
+    the key is that of the stream, and the index () is the number of the window.
     """
     batch = {name: array[None] for name, array in speech.items()}
     features = generating_method_of(spec).encode_speech(spec, variables, batch)

@@ -197,13 +197,6 @@ def test_the_speech_of_a_folder_is_its_sound(recordings, tmp_path, capsys):
     ]
 
 
-def test_no_result_overwrites_a_file_that_is_read(speech, tmp_path):
-    out = tmp_path / "pose.npz"
-    plan(speech, out, others=[tmp_path / "other.npz"])
-    with pytest.raises(UserError, match=r"would overwrite .*pose\.npz; choose another path"):
-        plan(speech, out, others=[tmp_path / "below" / ".." / "pose.npz"])
-
-
 def test_a_transcript_that_is_found_is_not_overwritten(speech, tmp_path, monkeypatch):
     class Reader:
         reads_words = True

@@ -1,16 +1,11 @@
 """A model is scored on the clips of a split, with their own styles, beginnings and sound."""
 
-import json
-
 import numpy as np
 import pytest
 
-from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.evaluation import clip_result
 from ha2g_jax.evaluation.clip_result import clip_identity
-from ha2g_jax.evaluation.scoring import evaluate_checkpoint
-from ha2g_jax.evaluation.table import as_markdown, as_table
 from ha2g_jax.skeleton import positions_to_directions
 from ha2g_jax.synthesis import Style
 
@@ -64,22 +59,3 @@ def test_of_the_training_split_as_many_clips_are_scored_as_another_has(corpus):
     most = max(len(corpus.clips(name)) for name in ("val", "test"))
     assert clip_result.split_limits(corpus, ["train", "val", "test"]) == {"train": most, "val": None, "test": None}
     assert clip_result.split_limits(corpus, ["train"]) == {"train": 40}
-
-
-def test_a_checkpoint_is_evaluated_with_one_call(debug_model, tiny_talk, tmp_path):
-    folder = model_folder.save(tmp_path / "model", debug_model.config, debug_model.assets, debug_model.variables)
-    results = evaluate_checkpoint(folder, tiny_talk, splits=["test", "train"], limit=4)
-    expected = {"checkpoint": str(folder), "data": str(tiny_talk), "corpus": "talk-v3"}
-    assert results["inputs"] == expected | {"model": model_folder.load(folder).assets.hash}
-    assert list(results["sections"]) == ["test", "train"]
-    for section in results["sections"].values():
-        assert section["methods"] == ["model"]
-        assert section["settings"]["reference_statistics"] == "training"
-        assert section["rows"]["ground truth"]["beats_per_second"]["value"] > 0
-        assert section["known_causes"]["rows"]["teacher"]["beat_f1"]["value"] > 0.85
-    for text in (as_table(results), as_markdown(results)):
-        for shown in ("model", "white jitter", "teacher", "beat F1", "hand shape", "majority", "linear probe"):
-            assert shown in text
-    for name in ("beat_f1", "beat_gain", "probe_accuracy"):
-        assert name in results["metrics"]
-    assert json.loads(json.dumps(results, allow_nan=False)) == results

@@ -8,8 +8,6 @@ import soundfile
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.motion_folders import from_folders, read_directions
-from ha2g_jax.evaluation.scoring import evaluate_folders
-from ha2g_jax.evaluation.table import as_table
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import directions_to_positions
 
@@ -106,23 +104,6 @@ def test_folders_that_cannot_be_evaluated_are_refused(write, tmp_path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(UserError, match=r"no motion in .*empty; expected files of \.npz, \.bvh, \.json"):
         from_folders(motion, tmp_path / "empty")
-
-
-def test_folders_are_evaluated_with_one_call(write):
-    motion, reference = write("mine", list("abcdef"), delay=0.2), write("reference", list("abcdef"))
-    for name in "abcdef":
-        write_sound(reference / f"{name}.wav")
-    (reference / "c.wav").unlink()
-    results = evaluate_folders(motion, reference, legacy=True)
-    assert results["inputs"] == {"motion": str(motion), "reference": str(reference)}
-    assert list(results["sections"]) == ["reference"]
-    section = results["sections"]["reference"]
-    assert "1 of 6 clips have no sound, such as c," in section["notes"][-2]
-    assert section["methods"] == ["mine"]
-    assert section["rows"]["mine"]["beat_gain"]["value"] is not None
-    assert section["rows"]["ground truth"]["joint_mae"]["value"] == 0
-    assert section["legacy_v1"]["rows"]["mine"]["legacy_bc_fixed"]["value"] is not None
-    assert "mean pose" in as_table(results)
 
 
 def test_other_rates_are_resampled_and_borders_with_them(skeleton, perform, tmp_path):

@@ -7,7 +7,7 @@ import latency as command
 import pytest
 from tables import look_aheads
 from tables.claims import HELD, NOT_HELD, UNDECIDED, Spread
-from tables.latency_report import Results, answers, as_markdown
+from tables.latency_report import Results, answers
 from tables.look_aheads import ABOVE_FLOOR, GAIN, HIDDEN, LOOK_AHEADS, WHOLE, plan_settings, scores_path
 from tables.plan import Request
 from tables.runs import Stop
@@ -72,18 +72,6 @@ def test_answers_follow_from_the_scores(results):
     assert "(c) hidden ends no worse with the whole file: **held**" in found
     assert "hidden ends: **8 frames (533 ms)**" in found and "whole windows: **none of them**" in found
     assert "beat F1 gain is above 0 from this look-ahead on: hidden ends 2 frames (133 ms)" in found
-
-
-def test_the_page_has_questions_before_numbers(results):
-    page = as_markdown(results, "latency")
-    places = [
-        page.index(text) for text in ("## Questions", "## Answers", "](latency.svg)", "](latency.csv)", "## Limits")
-    ]
-    assert places == sorted(places)
-    assert "| 3 | 267 | 0.101 | 0.041 | 0.060 [0.060, 0.060] | 0.101 |" in page and "| file | - | 0.301 |" in page
-    empty = as_markdown(results._replace(curves={}, failures={HIDDEN: {0: "not trained"}}), "latency")
-    assert "**Incomplete: runs without scores: 1 of 0" in empty and "## Answers" not in empty
-    assert "- hidden ends, seed 0: not trained" in empty
 
 
 @pytest.fixture

@@ -126,15 +126,6 @@ def test_the_device_is_at_work_while_a_flush_waits_for_it(start, lines, clock, m
     assert [line["windows_per_second"] for _, line in lines] == pytest.approx([4.0, 4.0])
 
 
-def test_a_stop_that_the_hosts_agreed_on_is_remembered_and_not_written(start, lines):
-    log = start()
-    for step, stop in ((1, False), (2, True), (3, False)):
-        log.add(step, _metrics() | {"stop": jnp.bool_(stop)})
-        assert log.is_stopping == (step == 3)  # one step late
-    log.flush()
-    assert log.is_stopping and "stop" not in lines[0][1]
-
-
 def test_the_terms_that_are_not_finite_are_named(start, lines):
     log = start(every=4)
     log.add(1, _metrics(1.0))

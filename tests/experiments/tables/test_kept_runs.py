@@ -8,8 +8,6 @@ from tables.kept_runs import FILE, read_kept
 from tables.plan import plan_table
 from tables.runs import Stop, Stopped
 
-from ha2g_jax.errors import UserError
-
 from ..fake_runs import FakeRuns, run_study
 
 
@@ -28,17 +26,6 @@ def test_kept_runs_give_the_same_page_without_weights_and_are_continued(request_
     more = FakeRuns()
     assert run_study(request_._replace(workdir=keep), more)[0]
     assert len(more.trained) == 2 and all("-trimodal-" in name for name in more.trained)
-
-
-def test_a_page_is_written_without_the_corpus(request_, corpus, tmp_path):
-    keep = tmp_path / "kept"
-    _, page = run_study(request_, FakeRuns(), keep=keep)
-    (corpus / "dataset.json").unlink()
-    is_whole, without = run_study(request_._replace(workdir=keep, has_training=False), FakeRuns())
-    same = [line for line in page.splitlines() if not line.startswith("- time")]
-    assert is_whole and [line for line in without.splitlines() if not line.startswith("- time")] == same
-    with pytest.raises(UserError, match="no corpus in"):
-        run_study(request_._replace(workdir=keep), FakeRuns())
 
 
 def test_the_table_gives_back_every_record(request_, tmp_path):
