@@ -55,20 +55,16 @@ CONFIDENT = np.full((FRAMES, SKELETON.num_joints), 1.5, np.float32)
     [
         (plausible("bad", positions=BENT), "NaN or infinite, first in frame 7"),
         (plausible("bad", positions=CLIP.positions * 100), r"9 of 9 bones of implausible length, .* of \d+ m"),
-        (plausible("bad", positions=CLIP.positions / 1000), "bones of implausible length"),
         (plausible("bad", words=CLIP.words[::-1]), "words out of order: 'one' at 0.10 s after 'two'"),
         (
             plausible("bad", words=(Word("one", 2.9, 3.2),)),
             "word 'one' at 2.90 to 3.20 s lies outside the clip of 3.00",
         ),
-        (plausible("bad", words=(Word("one", -0.5, 0.2),)), "lies outside the clip"),
         (plausible("bad", words=(Word("one", 0.5, 0.2),)), "word 'one' from 0.50 to 0.20 s is empty"),
         (plausible("bad", audio=np.zeros(40000, np.float32)), "2.50 s of audio for 3.00 s of motion"),
         (plausible("bad", window_starts=(0, 45)), "1 windows outside its 45 frames, one at frame 45"),
-        (plausible("bad", window_starts=(0, -1)), "one at frame -1"),
         (plausible("bad", window_starts=(3, 3)), "the same window twice"),
         (plausible("bad", confidence=CONFIDENT), "confidence outside 0 to 1"),
-        (plausible("bad", confidence=CONFIDENT * np.nan), "confidence outside 0 to 1"),
         (plausible("bad", confidence=CONFIDENT[1:]), "confidence of shape"),
         (plausible("good"), "its id occurs more than once"),
     ],
@@ -144,9 +140,3 @@ def test_bones_that_change_are_noted_unless_they_were_estimated(tmp_path):
     assert len(notes) == 1
     assert "in 1 of 2 clips" in notes[0]
     assert "'captured'" in notes[0]
-
-
-def test_positions_of_another_skeleton(tmp_path):
-    bent = plausible("bent", positions=CLIP.positions[:, :5], confidence=None)
-    path = write(tmp_path / "corpus", val=[plausible("a"), bent])
-    assert "positions of shape (45, 5, 3), expected (T, 10, 3)" in validation.validate(path)[0]

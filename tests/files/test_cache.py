@@ -23,9 +23,7 @@ print(jax.config.jax_compilation_cache_dir, jax.config.jax_compilation_cache_max
     [
         ("/big/ha2g", "/caches", "/big/ha2g"),
         (None, "/caches", "/caches/ha2g-jax"),
-        ("", "/caches", "/caches/ha2g-jax"),
         (None, "relative", "/home/ada/.cache/ha2g-jax"),
-        (None, "", "/home/ada/.cache/ha2g-jax"),
         (None, None, "/home/ada/.cache/ha2g-jax"),
     ],
 )

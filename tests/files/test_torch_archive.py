@@ -88,21 +88,13 @@ def test_nothing_is_called(where, torch_files, refused, tmp_path):
         (b"(S'a'\niposix\nmkdir\n.", "the opcode STRING"),
         (b"\x80\x02(X\x01\x00\x00\x00aiposix\nmkdir\n.", "the opcode INST"),
         (b"\x80\x02(cposix\nmkdir\nX\x01\x00\x00\x00ao.", "the opcode OBJ"),
-        (b"\x80\x04cposix\nmkdir\n)}\x92.", "the opcode NEWOBJ_EX"),
         (b"\x80\x02\x82\x01.", "the opcode EXT1"),
-        (b"\x80\x02Pkey\n.", "the opcode PERSID"),
+        (b"\x80\x04cposix\nmkdir\n)}\x92.", "the opcode NEWOBJ_EX"),
         (b"\x80\x02}X\x01\x00\x00\x00acposix\nmkdir\ns.", "refers to posix.mkdir"),
-        (b"\x80\x02cposix\nmkdir\n.", "refers to posix.mkdir"),
         (b"\x80\x02c__builtin__\neval\nX\x01\x00\x00\x001\x85R.", "asks to call __builtin__.eval"),
-        (b"\x80\x02]}b.", "attributes to a value that has none"),
         (b"\x80\x02}K\x01\x85K\x02s.", "keys other than text"),
-        (b"\x80\x02NNs.", "damaged"),
         (b"\x80\x02u.", "damaged"),
-        (b"\x80\x02h\x05.", "damaged"),
-        (b"\x80\x02R.", "damaged"),
         (b"\x80\x02X\xff\xff\xff\x7fabc.", "damaged"),
-        (b"\x80\x02]", "damaged"),
-        (b"", "damaged"),
     ],
 )
 def test_a_pickle_that_asks_for_more_or_is_damaged(content, message, torch_files, refused):
@@ -115,23 +107,17 @@ def test_a_pickle_that_asks_for_more_or_is_damaged(content, message, torch_files
     ("lies", "message"),
     [
         ({"count": 1 << 40}, "and not 4 times 1099511627776"),
-        ({"count": 11}, "and not 4 times 11"),
         ({"shape": (4, 4)}, "a tensor of shape (4, 4) in 12 numbers"),
-        ({"offset": 1}, "a tensor of shape (3, 4) in 12 numbers"),
-        ({"strides": (5, 1)}, "a tensor of shape (3, 4) in 12 numbers"),
         ({"shape": (1 << 40, 1 << 40), "strides": (0, 0)}, "in 12 numbers"),
-        ({"shape": (13,), "strides": (0,)}, "in 12 numbers"),
         ({"strides": (-4, 1)}, "an impossible shape"),
         ({"offset": -1}, "an impossible shape"),
-        ({"strides": (4,)}, "an impossible shape"),
-        ({"shape": (1,) * 50, "strides": (1,) * 50}, "in 12 numbers"),
     ],
 )
 def test_a_tensor_that_lies_about_its_size(lies, message, torch_files, refused):
     assert message in refused(torch_files.Archive({"x": torch_files.Tensor(NUMBERS, **lies)}))
 
 
-@pytest.mark.parametrize("name", ["../evil", "archive/../../evil", "/etc/evil", "archive\\..\\evil", "C:evil"])
+@pytest.mark.parametrize("name", ["../evil", "/etc/evil", "archive\\..\\evil", "C:evil"])
 def test_a_name_that_leads_out_of_the_archive(name, torch_files, refused, tmp_path):
     archive = torch_files.Archive({})
     archive.files[name] = b"x"
@@ -144,9 +130,6 @@ def test_a_name_that_leads_out_of_the_archive(name, torch_files, refused, tmp_pa
     [
         (lambda files: files.pop("archive/data/0"), "the numbers '0' are missing"),
         (lambda files: files.update({"archive/data/0": b"short"}), "take 5 bytes"),
-        (lambda files: files.update({"archive/byteorder": b"big"}), "little-endian"),
-        (lambda files: files.update({"other/data.pkl": b""}), "2 files named data.pkl"),
-        (lambda files: files.pop("archive/data.pkl"), "0 files named data.pkl"),
         (lambda files: files.update({"archive/constants.pkl": b""}), "TorchScript"),
     ],
 )

@@ -192,18 +192,6 @@ def test_no_window_is_left(recording, tmp_path):
     assert [folder.name for folder in tmp_path.iterdir()] == ["in"]
 
 
-def test_nothing_to_import(recording, tmp_path):
-    with pytest.raises(UserError, match="nothing at"):
-        import_bvh(tmp_path / "nowhere", tmp_path / "out")
-    with pytest.raises(UserError, match=r"no \.bvh file in"):
-        import_bvh(tmp_path, tmp_path / "out")
-    path = recording(tmp_path, "talk")
-    with pytest.raises(UserError, match="no joint map nothing"):
-        import_bvh(path, tmp_path / "out", joint_map="nothing")
-    with pytest.raises(UserError, match="exists"):
-        import_bvh(path, tmp_path)
-
-
 @pytest.fixture(scope="module", params=[EXPRESSIVE, GESTURE], ids=lambda skeleton: skeleton.name)
 def real(request, private_data, tmp_path_factory):
     """The clips of a real recording, and the skeleton they were imported with."""

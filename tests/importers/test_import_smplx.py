@@ -8,7 +8,6 @@ import soundfile
 from fixtures.transcripts import text_grid
 
 from ha2g_jax.data.corpus import Corpus
-from ha2g_jax.errors import UserError
 from ha2g_jax.importers.mocap import ImportOptions, import_smplx
 from ha2g_jax.motion.readers.smplx_body import JOINTS
 from ha2g_jax.skeleton import load_skeleton
@@ -98,19 +97,3 @@ def test_frames_that_a_file_marks_as_bad_are_left_out(tmp_path):
     import_smplx(tmp_path / "in", tmp_path / "out")
     (clip,) = Corpus.open(tmp_path / "out").clips("train")
     assert len(clip.positions) == 15 * 4
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"up": "w"}, "expected auto or one of y, -y, z, -z, x, -x"),
-        ({"source_fps": 0.0}, "expected 0.1 to 1000"),
-        ({"source_fps": float("nan")}, "expected 0.1 to 1000"),
-        ({"model": "SMPLX_NEUTRAL.pkl"}, "is a pickle"),
-        ({"model": "missing.npz"}, "no file at missing.npz"),
-    ],
-)
-def test_options_are_checked_before_anything_is_read(tmp_path, options, message):
-    (tmp_path / "a.npz").write_bytes(b"never read")
-    with pytest.raises(UserError, match=message):
-        import_smplx(tmp_path / "a.npz", tmp_path / "out", **options)

@@ -10,7 +10,6 @@ import pytest
 
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.data.talk import build
-from ha2g_jax.errors import UserError
 
 
 def test_workers_do_not_change_the_bytes(tiny_talk, tmp_path):
@@ -95,26 +94,6 @@ def test_validation_takes_each_speaker_before_any_twice(speakers, minutes):
     plans = [plan for plan in build._plan(speakers, minutes, 0, "espeak-ng") if plan.split == "val"]
     seen = speakers - build.num_unseen(speakers)
     assert len({plan.speaker.name for plan in plans}) == min(len(plans), seen)
-
-
-def test_refusals(tiny_talk, tmp_path):
-    with pytest.raises(UserError, match="exists already"):
-        build.make_talk(tiny_talk, speakers=4, minutes=2, workers=1)
-    with pytest.raises(UserError, match="at least 2"):
-        build.make_talk(tmp_path / "a", speakers=1, minutes=2, workers=1)
-    with pytest.raises(UserError, match="too few"):
-        build.make_talk(tmp_path / "a", speakers=20, minutes=1, workers=1)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_interruption_leaves_nothing(monkeypatch, tmp_path):
-    def interrupted(plan, fps):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(build, "_make_clips", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        build.make_talk(tmp_path / "a", speakers=4, minutes=2, workers=1)
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_talk_path(monkeypatch, tmp_path, capsys):

@@ -78,13 +78,10 @@ def test_what_the_command_writes_comes_back(tmp_path, estimator):
     ("changes", "part"),
     [
         ({"positions": None}, "no 'positions'"),
-        ({"positions": np.zeros((8, 42, 3))}, "shape ('T', 43, 3)"),
         ({"confidence": np.ones((7, 43))}, "shape ('T', 43)"),
-        ({"image_points": np.full((8, 43, 2), "x")}, "image_points"),
         ({"positions": np.full((8, 43, 3), np.nan)}, "no finite position"),
         ({"positions": np.full((8, 43, 3), 5000.0)}, "expected metres"),
         ({"confidence": np.full((8, 43), 80.0)}, "expected 0 to 1"),
-        (dict.fromkeys(("positions", "confidence", "image_points"), np.zeros((0, 43, 3))), "expected"),
         ({"positions": np.array([{}])}, "pickle"),
     ],
 )
@@ -98,11 +95,8 @@ def test_what_is_wrong_in_its_file_is_said(tmp_path, estimator, changes, part):
     ("body", "part"),
     [
         ("raise ValueError('no such model')", "no such model"),
-        ("sys.exit(3)", "exit code 3"),
         ("os.kill(os.getpid(), signal.SIGKILL)", "SIGKILL"),
         ("print('all well')", "wrote no file"),
-        ("open(out, 'wb').write(b'garbage' * 100)", "not a whole .npz"),
-        ("open(out, 'wb')", "empty"),
         ("sys.exit(f'PYTHONPATH is {os.environ.get(\"PYTHONPATH\")}')", "PYTHONPATH is None"),  # no foreign libraries
     ],
 )
@@ -116,7 +110,6 @@ def test_how_it_failed_is_said(tmp_path, estimator, monkeypatch, body, part):
     ("command", "part"),
     [
         ("estimate {video}", "{out}"),
-        ("estimate '{video} {out}", "quotes"),
         ("/no/such/program {video} {out}", "cannot be started"),
     ],
 )
