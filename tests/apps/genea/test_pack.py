@@ -230,21 +230,17 @@ def test_the_command_prints_and_ends_with_1_or_0(pack, capsys):
     assert FILE in json.loads(capsys.readouterr().out)["findings"][0]
 
 
-def test_a_damaged_zip_and_a_folder_of_something_else_are_refused(pack, tmp_path, capsys):
+def test_a_damaged_zip_and_a_folder_of_something_else_are_refused(pack, tmp_path):
     archive = shutil.make_archive(str(tmp_path / "packed"), "zip", pack)
     assert cli.main(["genea", "check", archive]) == 0
     data = bytearray((tmp_path / "packed.zip").read_bytes())
     (tmp_path / "cut.zip").write_bytes(data[: len(data) // 2])
-    with zipfile.ZipFile(tmp_path / "empty.zip", "w"):
-        pass
-    flipped = bytearray(data)
-    flipped[data.index(b"PK\x01\x02") // 3] ^= 0xFF  # within a member
-    (tmp_path / "flipped.zip").write_bytes(flipped)
+    data[data.index(b"PK\x01\x02") // 3] ^= 0xFF  # within a member
+    (tmp_path / "flipped.zip").write_bytes(data)
     assert check_pack(tmp_path / "flipped.zip").findings  # of one file; the others are checked
-    for name in ("cut.zip", "empty.zip", "none.zip", "."):
-        with pytest.raises(UserError) as caught:
-            check_pack(tmp_path / name if name != "." else tmp_path / "pack" / "sample_1")
-        assert "\n" not in str(caught.value)
+    for path in (tmp_path / "cut.zip", tmp_path / "none.zip", pack / "sample_1"):
+        with pytest.raises(UserError, match=r"^[^\n]+$"):
+            check_pack(path)
 
 
 LEGS = [JOINTS.index(f"{side}_{part}") for side in ("left", "right") for part in ("hip", "knee", "ankle")]

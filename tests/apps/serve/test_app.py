@@ -51,18 +51,10 @@ def test_a_bad_request_is_answered_with_one_line(client, name):
     assert "\n" not in answer.error and "/tmp" not in answer.error and len(answer.error) < 1000
 
 
-BAD_BODIES = [
-    (b"{}", {"Content-Type": "application/json"}, 422),
-    (None, {}, 422),
-    (b"x", {"Content-Type": "multipart/form-data"}, 400),
-    (b"--x\r\nwhat", {"Content-Type": "multipart/form-data; boundary=x"}, 422),
-    (b"", {"Content-Length": "1e9"}, 400),
-]
-
-
 def test_a_body_that_is_no_form_with_one_file_is_refused(client):
-    for body, headers, status in BAD_BODIES:
-        assert client.ask("POST", "/v1/motion", body, headers).status in (status, 400)
+    assert client.ask("POST", "/v1/motion", b"{}", {"Content-Type": "application/json"}).status == 422
+    assert client.ask("POST", "/v1/motion", b"x", {"Content-Type": "multipart/form-data"}).status == 400
+    assert client.ask("POST", "/v1/motion", b"", {"Content-Length": "1e9"}).status == 400
     assert client.ask("GET", "/v1/motion").status == 405
     assert client.post("", wav(0.3), name="sound").status == 422
     two = b'a\r\n--x\r\nContent-Disposition: form-data; name="b"; filename="b"\r\n\r\nb'

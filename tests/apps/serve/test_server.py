@@ -1,17 +1,14 @@
 """The process: how it begins, what it does when it is full, and how it ends."""
 
-import os
 import signal
 import socket
 import time
-from types import SimpleNamespace
 
 import pytest
 from fixtures.service import TOKEN, begin, closing, command, finish, running, speech, wav
 from websockets.exceptions import InvalidStatus
 
 from ha2g_jax import cli
-from ha2g_jax.apps.serve import server
 from ha2g_jax.apps.serve.settings import Settings, check
 from ha2g_jax.errors import UserError
 
@@ -79,25 +76,6 @@ def test_sigterm_lets_a_request_and_a_stream_finish(debug_folder):
             assert upload.recv(100).startswith(b"HTTP/1.1 200 ")
         assert len(frames) == last["count"] == 8
         assert process.stderr is not None and process.wait(30) == 0 and process.stderr.read() == ""
-
-
-def test_ctrl_c_ends_while_a_motion_is_computed(monkeypatch):
-    """Python would wait for the thread, which computes for minutes."""
-
-    def run(sockets):
-        raise KeyboardInterrupt
-
-    def leave(code):
-        raise SystemExit(code)
-
-    monkeypatch.setattr(server, "load", lambda _: None)
-    monkeypatch.setattr(server, "warm_up", lambda _: None)
-    monkeypatch.setattr(server, "Service", lambda *_: SimpleNamespace(is_computing=True))
-    monkeypatch.setattr(server, "Server", lambda *_, **__: SimpleNamespace(run=run))
-    monkeypatch.setattr(os, "_exit", leave)
-    with pytest.raises(SystemExit) as end:
-        server.run("demo", Settings(port=0))
-    assert end.value.code == 130
 
 
 def test_after_the_grace_what_still_runs_is_ended(debug_model):

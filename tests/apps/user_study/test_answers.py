@@ -2,7 +2,6 @@
 
 import copy
 import json
-import os
 
 import numpy as np
 import pytest
@@ -97,14 +96,6 @@ def test_a_file_that_is_no_answer_is_excluded(case, key, tmp_path, monkeypatch):
     found = read(tmp_path, key)
     assert not found.participants and reason in found.excluded[0].reason
     assert [path.name for path in tmp_path.iterdir()] == ["bad.json"]
-
-
-def test_pipes_and_folders_are_not_read(key, tmp_path):
-    os.mkfifo(tmp_path / "pipe.json")
-    (tmp_path / "folder.json").mkdir()
-    (tmp_path / "loop.json").symlink_to(tmp_path / "loop.json")
-    reasons = [exclusion.reason for exclusion in read(tmp_path, key).excluded]
-    assert "folder" in reasons[0] and reasons[1] and "a pipe" in reasons[2]
 
 
 def test_of_two_files_of_a_participant_the_first_is_kept(key, content, tmp_path):

@@ -121,21 +121,3 @@ def test_motions_by_name_are_drawn_side_by_side_with_their_names(tmp_path, motio
     assert 0.1 < shirts[1].mean() < 0.5
     assert (shirts[0] == shirts[1]).mean() > 0.99
     assert np.abs(both[0, :16, :128] - left[0, :16]).max() > 50
-
-
-def test_figures_side_by_side_are_of_one_size(tmp_path, motion):
-    """One camera for all, far enough away for the widest pose of any."""
-    wide = motion.directions.copy()
-    for side, x in (("left", 1), ("right", -1)):
-        for joint in ("elbow", "wrist"):
-            wide[5:, motion.skeleton.bone(f"{side}_{joint}")] = (x, 0, 0)
-    motions = {"calm": motion, "wide": Motion.from_directions(motion.skeleton, wide, 15)}
-    write_video(tmp_path / "v.mp4", motions, None, size=128, has_progress=False)
-    write_video(tmp_path / "calm.mp4", motion, None, size=128, has_progress=False)
-    both, alone = (pictures(tmp_path / name).astype(int) for name in ("v.mp4", "calm.mp4"))
-    shirts = [np.abs(seen - DEFAULT_LOOK.shirt).sum(axis=-1) < 60 for seen in (both[:, 16:], alone)]
-    calm, wide_ = np.split(shirts[0], 2, axis=2)
-    assert (calm[:6] == wide_[:6]).mean() > 0.99  # the same poses at the same place, before the arms move
-    assert calm.sum() < 0.5 * shirts[1].sum()
-    columns = np.flatnonzero(wide_[-1].any(axis=0))
-    assert 8 < columns.min() < 30 and 98 < columns.max() < 120

@@ -29,7 +29,10 @@ KINDS = (
     *("directions", "directions less mean", "TED-Gesture directions", "TED-Expressive positions"),
     *("TED-Gesture positions", "named positions", "named positions npz"),
 )
-POSED = ("BEAT2", "AMASS SMPL-X", "AMASS SMPL-H", "AMASS parts", "smplx package", "BVH", "GENEA BVH", "BEAT BVH")
+POSED = (
+    *("BEAT2", "AMASS SMPL-X", "AMASS SMPL-H", "AMASS parts", "smplx package"),
+    *("BVH", "GENEA BVH", "BEAT BVH", "ZeroEGGS BVH"),
+)
 WITHOUT_RATE = {
     *("directions", "directions less mean", "TED-Gesture directions", "TED-Expressive positions"),
     *("TED-Gesture positions", "SMPL-X joints array"),

@@ -36,9 +36,6 @@ def _directions(joints: dict[str, np.ndarray], start: str, end: str) -> np.ndarr
 def test_the_template_is_a_tree_of_symmetric_bones_like_an_adults():
     assert len(JOINTS) == len(PARENTS) == 55
     assert all(parent < joint for joint, parent in enumerate(PARENTS))
-    assert [JOINTS[PARENTS[JOINTS.index(name)]] for name in ("left_index_1", "right_thumb_3", "jaw", "neck")] == [
-        *("left_wrist", "right_thumb_2", "head", "spine3")
-    ]
     names = (*JOINTS, *FACE)
     left = np.array([point for name, point in zip(names, BODY.points) if name.startswith("left")])
     right = np.array([point for name, point in zip(names, BODY.points) if name.startswith("right")])
