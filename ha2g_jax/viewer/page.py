@@ -64,7 +64,6 @@ def view(
     sample_rate: int = SAMPLE_RATE,
     words: Sequence[Word] = (),
     *,
-    title: str = "",
     height: int = 620,
 ) -> Page:
     """Build a page that plays motions side by side with their sound and loads nothing from the network.
@@ -74,7 +73,6 @@ def view(
     Args:
         motions: one motion, or several by name, in order from left to right.
         audio: (samples,) float32 mono sound; None for silence.
-        title: title of the page; by default the names of the motions.
 
     Raises:
         UserError: there is no motion, there are too many, or one is too long or not valid (see `Motion.check`), or the
@@ -100,7 +98,7 @@ def view(
         content["sound"] = base64.b64encode(encode_sound(padded, sample_rate)).decode()
         content["peaks"], content["peakRate"] = peaks(padded, sample_rate), PEAK_RATE
     content["duration"] = duration
-    title = title or ", ".join(filter(None, motions)) or "Motion"
+    title = ", ".join(filter(None, motions)) or "Motion"
     return Page(_build_document("page.html", title, content, ("style.css",), _SCRIPTS).text, height)
 
 

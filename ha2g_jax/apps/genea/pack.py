@@ -26,7 +26,6 @@ from ha2g_jax.apps.genea.sample import (
     Clip,
     FromFiles,
     FromModel,
-    Source,
     read_shapes,
 )
 from ha2g_jax.apps.generate import find_speech, load
@@ -34,7 +33,7 @@ from ha2g_jax.data.validation import Verdict
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.motion_folders import MANIFEST
 from ha2g_jax.files.npz import read_npz
-from ha2g_jax.files.reading import check_regular, file_sha256, parse_json, reading, shown
+from ha2g_jax.files.reading import check_regular, file_sha256, read_json, reading, shown
 from ha2g_jax.files.writing import check_new, temporary_folder, whole_file, whole_folder
 from ha2g_jax.limits import MAX_MOTION_BYTES, MAX_RECORD_BYTES
 from ha2g_jax.motion.readers import joint_maps, smplx, smplx_arrays
@@ -94,7 +93,7 @@ def write_pack(
     paths = _by_name(find_speech([speech]))
     shape_of = {} if shapes is None else read_shapes(shapes, list(paths))
     body = None if body_model is None else read_body_model(body_model)
-    source: Source
+    source: FromModel | FromFiles
     if motion is not None:
         source = FromFiles(motion, list(paths), samples, body, joint_map=joint_map, source_fps=source_fps)
     else:
@@ -114,7 +113,10 @@ def write_pack(
 
 
 def _add_samples(
-    folder: pathlib.Path, source: Source, paths: dict[str, pathlib.Path], shapes: dict[str, np.ndarray]
+    folder: pathlib.Path,
+    source: FromModel | FromFiles,
+    paths: dict[str, pathlib.Path],
+    shapes: dict[str, np.ndarray],
 ) -> None:
     """Write the samples of all clips and the manifest."""
     clips = {}
@@ -285,8 +287,7 @@ def _check_clip(clip: str, files: Mapping[int, _File], numbers: set[int], findin
 
 
 def _read_manifest(path: pathlib.Path) -> Mapping[str, Any]:
-    with reading(path, "the manifest of a pack"), path.open("rb") as file:
-        content = parse_json(file.read(MAX_RECORD_BYTES))
+    content = read_json(path, "the manifest of a pack", MAX_RECORD_BYTES)
     if not isinstance(content, dict) or content.get("format") != FORMAT or not isinstance(content.get("clips"), dict):
         raise UserError(f"{MANIFEST} is not the manifest of a pack; write the pack again, or leave it out")
     return content["clips"]

@@ -4,7 +4,7 @@ import collections
 import pathlib
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -164,18 +164,10 @@ class Clip(NamedTuple):
     betas: np.ndarray | None
 
 
-class Source(Protocol):
-    """Samples of clips, and what the manifest says of them."""
-
-    @property
-    def facts(self) -> dict[str, Any]: ...
-
-    def samples(self, clip: Clip) -> Iterator[tuple[Sample, dict[str, Any]]]: ...
-
-
 class FromModel:
     """Samples that a model generates: sample k of `count` is the motion of the seed `seed + k - 1`.
 
+    Each comes with what the manifest says of it, and `facts` are what it says of all.
     A style without a source is that of the speaker of a clip of BEAT2, where the model has this speaker, else random.
 
     Raises:
