@@ -138,12 +138,6 @@ def test_shapes_are_those_of_the_speakers(speech, debug_folder, tmp_path):
         write_pack(speech, tmp_path / "other", checkpoint=debug_folder, shapes=tmp_path / "beat2")
 
 
-def test_a_folder_that_exists_stays(speech, debug_folder, tmp_path, capsys):
-    (tmp_path / "before").mkdir()
-    assert cli.main(["genea", "pack", str(speech), "-o", str(tmp_path), "--checkpoint", str(debug_folder)]) == 2
-    assert capsys.readouterr().err.endswith("exists already; choose another folder or remove it\n")
-
-
 def test_evaluate_takes_a_pack_as_five_motions_of_each_clip(written):
     folders = from_folders(written, written / "sample_1")
     assert [clip.id for clip in folders.motion].count("2_scott_0_3_3") == 5

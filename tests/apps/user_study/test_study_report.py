@@ -121,5 +121,3 @@ def test_command(folder, capsys):
     assert capsys.readouterr().out.startswith("# User study: Gestures")
     assert cli.main([*arguments, "-o", str(folder / "report")]) == 0
     assert capsys.readouterr().out.strip() == str(folder / "report" / "report.html")
-    assert cli.main([*arguments[:-1], str(folder / "none")]) == 2
-    assert len(capsys.readouterr().err.splitlines()) == 1

@@ -5,7 +5,6 @@ import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Word
@@ -48,24 +47,6 @@ def test_as_many_different_frames_as_asked_for_in_order(count, frames):
     assert len(chosen) == min(count, frames)
     assert chosen == sorted(set(chosen))
     assert 0 <= chosen[0] <= chosen[-1] < frames
-
-
-def test_a_png_has_a_row_a_motion_and_a_column_a_moment(tmp_path):
-    motion = gesturing()
-    other = gesturing(fps=30, name="ted_gesture")
-    keyframes.write(tmp_path / "one.png", motion, count=4, size=64)
-    keyframes.write(tmp_path / "two.png", {"true": motion, "made": other}, count=4, size=64)
-    one, two = (read(tmp_path / name) for name in ("one.png", "two.png"))
-    assert one.shape[1] == two.shape[1] == 4 * 70 + 6
-    assert len(one) + 64 < len(two) < len(one) + 64 + 40
-    rows = [np.flatnonzero((picture[:, 20] != 255).any(axis=-1)) for picture in (one, two)]
-    assert 64 <= len(rows[0]) < 80  # the picture, and beneath it a little text
-    assert len(rows[1]) >= 128
-
-
-def read(path) -> np.ndarray:
-    with Image.open(path) as image:
-        return np.asarray(image)
 
 
 def test_an_svg_shows_the_same_with_times_and_words_as_text(tmp_path):
