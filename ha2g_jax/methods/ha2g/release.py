@@ -54,7 +54,10 @@ class SpeechFeatures(NamedTuple):
 
 
 class ReleaseStage(nn.Module):
-    """The network of one level of the motion."""
+    """The networks of one level of the motion: encoders of the words and of the speaker, and a decoder.
+
+    The decoder maps [pose, bit, audio, text, style] of each frame (B, N, d^h + 81) to p^h (B, N, d^h).
+    """
 
     text: TextEncoder
     identity: SpeakerIdentity
@@ -65,18 +68,6 @@ class ReleaseStage(nn.Module):
 
     def setup(self) -> None:
         self.decoder = FrameDecoder(self.pose_dim, self.hidden_dim, self.layers, self.dropout)
-
-    def encode_text(self, words: jax.Array, *, train: bool) -> jax.Array:
-        """Map word indices on frames (B, N) to text features (B, N, 32)."""
-        return self.text(words, train=train)
-
-    def encode_identity(self, speaker: jax.Array, *, train: bool) -> tuple[jax.Array, jax.Array]:
-        """Map speaker indices (B,) to mean and log-variance of the level's style, each (B, 16)."""
-        return self.identity(speaker, train=train)
-
-    def decode(self, x: jax.Array, *, train: bool) -> jax.Array:
-        """Map [pose, bit, audio, text, style] of each frame (B, N, d^h + 81) to p^h (B, N, d^h)."""
-        return self.decoder(x, train=train)
 
 
 class ReleaseCoordinator(nn.Module):
@@ -157,7 +148,7 @@ class ReleaseHA2G(nn.Module):
     def encode_speech(self, inputs: dict[str, jax.Array], *, train: bool) -> SpeechFeatures:
         """Maps "mel" (B, 128, 70) in dB and "words" (B, N) to features of the audio and of the text of each level."""
         audio = self.audio(inputs["mel"], train=train)
-        texts = tuple(stage.encode_text(inputs["words"], train=train) for stage in self.stages)
+        texts = tuple(stage.text(inputs["words"], train=train) for stage in self.stages)
         return SpeechFeatures(audio.low, audio.mid, audio.high, texts)
 
     def encode_text(self, words: jax.Array, *, train: bool) -> jax.Array:
@@ -170,7 +161,7 @@ class ReleaseHA2G(nn.Module):
         The values of the blend have no noise: their log-variance is minus infinity.
         """
         blend = self.coordinator.encode(identity)
-        levels = [it.encode_identity(identity, train=train) for it in self.stages]
+        levels = [stage.identity(identity, train=train) for stage in self.stages]
         means, log_variances = zip(*levels, strict=True)
         exact = jnp.full_like(blend, -jnp.inf)
         return jnp.concatenate([blend, *means], axis=-1), jnp.concatenate([exact, *log_variances], axis=-1)
@@ -191,7 +182,7 @@ class ReleaseHA2G(nn.Module):
             known = self._known(level, poses, seed, low.shape[1])
             style = jnp.broadcast_to(styles[level][:, None], (*low.shape[:2], styles[level].shape[-1]))
             x = jnp.concatenate([known, blended[level], texts[level], style], axis=-1)
-            poses.append(stage.decode(x, train=train))
+            poses.append(stage.decoder(x, train=train))
         return tuple(poses)
 
     def _known(self, level: int, poses: list[jax.Array], seed: jax.Array, num_frames: int) -> jax.Array:
