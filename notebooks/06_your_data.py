@@ -109,7 +109,7 @@ print(recording.report_as_table(report))
 
 # %%
 regroup.divide(folder / "imported", folder / "corpus", fractions={"train": 0.8, "val": 0.2})
-print("errors:", validation.validate(folder / "corpus"))
+print("errors:", validation.examine(folder / "corpus").findings)
 summary = statistics.summarise(folder / "corpus")
 for row in [*statistics.split_rows(summary), [], *statistics.joint_rows(summary["training"])]:
     print("".join(f"{cell:<24}" if column == 0 else f"{cell:>12}" for column, cell in enumerate(row)))

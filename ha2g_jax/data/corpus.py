@@ -25,19 +25,16 @@ FILE = "dataset.json"
 VERSION = 2  # of the format of `FILE`
 
 TALK = "talk"  # name of the Talk corpus in configs and commands
-_TALK_FOLDER = "talk-v3"
+TALK_VERSION = "talk-v3"
 
 
 def corpus_folder(name: str) -> pathlib.Path:
     """Return the folder of a corpus: of the Talk corpus, in the user's cache, for "talk", else the name as a path."""
-    return cache_folder() / _TALK_FOLDER if name == TALK else pathlib.Path(name)
+    return cache_folder() / TALK_VERSION if name == TALK else pathlib.Path(name)
 
 
 class Clips(Sequence[Clip]):
-    """The clips of one split, each decoded on access. Can be pickled.
-
-    Args:
-        shards: files of the split, in order.
+    """The clips of one split, in shards in order, each decoded on access. Can be pickled.
 
     Raises:
         UserError: a shard cannot be read.

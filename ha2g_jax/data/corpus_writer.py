@@ -96,7 +96,6 @@ class CorpusWriter:
     Args:
         path: folder to make; must not exist.
         splits: names of the splits; statistics and vocabulary are those of "train". Some may stay empty, not all.
-        skeleton: name of the skeleton of the clips.
         metadata: name, source, licence and any other description of the corpus; stored as given.
 
     Attributes:

@@ -255,8 +255,7 @@ def divide(
 def _members(corpus: Corpus, by: str) -> list[_Member]:
     members: list[_Member] = []
     speakers: dict[str, str] = {}
-    total = sum(entry["clips"] for entry in corpus.metadata["splits"].values())
-    with tqdm(desc="Reading", total=total, unit="clip", leave=False, disable=None) as progress:
+    with tqdm(desc="Reading", total=_count(corpus), unit="clip", leave=False, disable=None) as progress:
         for split in corpus.splits:
             clips = corpus.clips(split)
             for index in range(len(clips)):

@@ -36,11 +36,6 @@ class Verdict(NamedTuple):
     notes: list[str]
 
 
-def validate(path: str | os.PathLike) -> list[str]:
-    """Return the findings of `examine`, which are empty for a valid corpus."""
-    return examine(path).findings
-
-
 def examine(path: str | os.PathLike) -> Verdict:
     """Examine all shards and records of a corpus.
 

@@ -158,9 +158,6 @@ class Windows:
         among: names of the speakers whose clips are used; all by default.
         cache_bytes: maximum memory for decoded clips.
 
-    Attributes:
-        num_training_speakers: number of speakers of the training split.
-
     Raises:
         UserError: the split has no window of N frames, an unusable record, or too few images.
     """

@@ -12,7 +12,7 @@ from ha2g_jax.data import recording
 from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.data.recording import SplitReport, seen
 from ha2g_jax.data.records import WINDOW_FRAMES, frames_at
-from ha2g_jax.skeleton import Skeleton, hand_joints, joint_angles, load_skeleton, positions_to_directions
+from ha2g_jax.skeleton import Skeleton, bone_lengths, hand_joints, joint_angles, load_skeleton, positions_to_directions
 
 # Inner angles of TED-Expressive in degrees, with the values that the paper calls variances (HA2G, Table 10). They are
 # neither the variances of the published data (49, 355, 44, 343) nor their roots, and are used as standard deviations.
@@ -255,8 +255,7 @@ class TrainingMotion:
         speeds = np.linalg.norm(np.diff(positions[:, self._wrists], axis=0), axis=-1)[is_step] * self._fps
         self._speeds += np.histogram(np.minimum(speeds, SPEED_EDGES[-1]), SPEED_EDGES)[0]
         self._speed += speeds.sum()
-        parents, children = (list(ends) for ends in zip(*self._skeleton.bones, strict=True))
-        lengths = np.linalg.norm(positions[is_seen][:, children] - positions[is_seen][:, parents], axis=-1)
+        lengths = bone_lengths(self._skeleton, positions[is_seen])
         self._lengths += lengths.sum(axis=0), (lengths**2).sum(axis=0)
         self._frames += len(lengths)
 

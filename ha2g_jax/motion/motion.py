@@ -19,6 +19,7 @@ from ha2g_jax.motion.lower_body import LowerBody
 from ha2g_jax.skeleton import (
     SKELETONS,
     Skeleton,
+    bone_lengths,
     directions_to_positions,
     load_skeleton,
     normalize,
@@ -107,10 +108,9 @@ class Motion:
     def skeleton(self) -> Skeleton:
         """The skeleton that `meta` names, with the mean bone lengths of this motion."""
         skeleton = load_skeleton(self.meta["skeleton"])
-        parents, children = (list(ends) for ends in zip(*skeleton.bones, strict=True))
         # A person's neck and shoulders have joints between them, so that some lengths vary; samples suffice.
         sample = self.positions[:: max(1, self.num_frames // _SAMPLED)]
-        lengths = np.linalg.norm(sample[:, children] - sample[:, parents], axis=-1).mean(axis=0)
+        lengths = bone_lengths(skeleton, sample).mean(axis=0)
         return dataclasses.replace(skeleton, lengths=lengths)
 
     @property
@@ -270,8 +270,7 @@ def _check_skeleton(motion: Motion) -> None:
 
 
 def _check_values(directions: np.ndarray, positions: np.ndarray, skeleton: Skeleton) -> None:
-    parents, children = (list(ends) for ends in zip(*skeleton.bones, strict=True))
-    ends = [skeleton.joints[child] for child in children]
+    ends = [skeleton.joints[child] for _, child in skeleton.bones]
     for start in range(0, len(directions), _BLOCK):
         vectors, places = directions[start : start + _BLOCK], positions[start : start + _BLOCK]
         for kind, array, names in (
@@ -296,7 +295,7 @@ def _check_values(directions: np.ndarray, positions: np.ndarray, skeleton: Skele
                 f"the bone to {ends[bone]} in frame {start + frame} has a direction of length "
                 f"{lengths[frame, bone]:.4g}; expected unit vectors: generate the motion again"
             )
-    bones = np.linalg.norm(positions[0, children].astype(np.float64) - positions[0, parents], axis=-1)
+    bones = bone_lengths(skeleton, positions[0].astype(np.float64))
     if (bones < _MIN_BONE).any():
         bone = int(np.argmin(bones))
         raise UserError(

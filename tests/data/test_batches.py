@@ -125,11 +125,7 @@ def test_an_iterator_continues_from_its_state(windows, expected):
     _assert_equal(_take(resumed, 4), expected[2:])
 
 
-def test_refusals(windows, monkeypatch):
-    with pytest.raises(UserError, match=f"batch of 9999 is more than the {len(windows)} windows"):
-        batches(windows, 9999, seed=0)
-    with pytest.raises(UserError, match=r"batch of 8 is not divisible by 3 hosts; set --config\.train\.batch_size"):
-        batches(windows, 8, seed=0, num_hosts=3)
+def test_too_little_shared_memory_is_refused(windows, monkeypatch):
     usage = namedtuple("usage", "total used free")(64 << 20, 64 << 20, 0)
     monkeypatch.setattr("shutil.disk_usage", lambda path: usage)
     with pytest.raises(UserError, match=r"shared memory, /dev/shm has 0: .*data\.workers=0"):

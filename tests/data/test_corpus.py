@@ -69,7 +69,7 @@ def test_statistics_of_the_training_split(path):
     np.testing.assert_allclose(skeleton.mean_pose, poses.mean(0), atol=1e-6)
 
 
-def test_a_place_that_cannot_be_written(tmp_path, monkeypatch):
+def test_a_place_that_cannot_be_written(tmp_path):
     """One line about the corpus that was wanted, and no part of it."""
     (tmp_path / "file").touch()
     (tmp_path / "link").symlink_to("nowhere")
@@ -78,21 +78,6 @@ def test_a_place_that_cannot_be_written(tmp_path, monkeypatch):
         write_corpus(tmp_path / "file" / "corpus", CLIPS)
     with pytest.raises(UserError, match="link exists already"):
         write_corpus(tmp_path / "link", CLIPS)
-
-    class FullDisk:
-        def __init__(self, *_: str):
-            pass
-
-        def write(self, _: bytes) -> None:
-            pass
-
-        def close(self) -> None:
-            raise RuntimeError("write_corpus() failed: No space left on device; writing .x/train-00000.array_record")
-
-    monkeypatch.setattr("ha2g_jax.data.corpus_writer.array_record_module.ArrayRecordWriter", FullDisk)
-    with pytest.raises(UserError, match=r"cannot write .*corpus \(.*no space left on device\)") as caught:
-        write_corpus(tmp_path / "new" / "corpus", CLIPS)
-    assert "\n" not in str(caught.value)
     assert sorted(tmp_path.iterdir()) == before
 
 
@@ -106,18 +91,6 @@ def test_failure_leaves_nothing(tmp_path):
     with pytest.raises(UserError, match="no clip to write"):
         write_corpus(tmp_path / "corpus", {"train": [], "test": []})
     assert list(tmp_path.iterdir()) == []
-
-
-def test_two_writers_of_one_corpus(tmp_path):
-    """The one that ends second is refused, and the first one's corpus stays whole."""
-    arguments = {"splits": ("train",), "skeleton": SKELETON, "fps": 15, "metadata": {}}
-    record = encode_clip(CLIPS["train"][0])
-    with pytest.raises(UserError, match="exists already"), CorpusWriter(tmp_path / "corpus", **arguments) as slow:
-        slow.add("train", record)
-        with CorpusWriter(tmp_path / "corpus", **arguments) as fast:
-            fast.add("train", record)
-    assert [path.name for path in tmp_path.iterdir()] == ["corpus"]
-    assert len(Corpus.open(tmp_path / "corpus").clips("train")) == 1
 
 
 def test_a_split_may_be_empty(tmp_path):

@@ -73,7 +73,7 @@ def test_a_bad_clip_is_found_and_named(tmp_path, record, finding):
     """A clip that is bad in one way has one finding, with the clip and its record in it; the other clips have none."""
     with np.errstate(invalid="ignore"):
         path = write(tmp_path / "corpus", val=[plausible("good"), record])
-    found = validation.validate(path)
+    found = validation.examine(path).findings
     assert len(found) == 1
     assert "record 1 of" in found[0]
     assert "clip 'bad'" in found[0] or "clip 'good'" in found[0]
@@ -86,7 +86,7 @@ def test_damaged_speech_and_images_are_found(tmp_path):
     damaged = [records[0].replace(b"fLaC", b"nope"), records[1].replace(b"\xff\xd8\xff", b"nojpeg"[:3])]
     path = write(tmp_path / "corpus", val=[plausible("good")])
     append_records(path, "val", damaged)
-    found = validation.validate(path)
+    found = validation.examine(path).findings
     assert len(found) == 2 and all(f"clip {name}" in line for name, line in zip(("speech", "image"), found))
 
 
@@ -95,7 +95,7 @@ def test_a_damaged_shard_does_not_hide_the_others(tmp_path, monkeypatch):
     path = write(tmp_path / "corpus", train=[plausible("a"), plausible("b")])
     shard = path / "train-00000.array_record"
     shard.write_bytes(bytes(shard.stat().st_size))
-    found = validation.validate(path)
+    found = validation.examine(path).findings
     assert any("train-00000" in text and "SHA-256" in text for text in found)
     assert any("train-00000" in text and "cannot be read" in text for text in found)
     assert len(found) == 2
@@ -112,7 +112,7 @@ def test_a_flipped_bit_anywhere_in_a_shard_is_found(tmp_path):
     places |= {start + shift for start in starts for shift in (0, 5, 16, 24, 40, 200)}
     for place in sorted(places):
         shard.write_bytes(data[:place] + bytes([data[place] ^ 0x10]) + data[place + 1 :])
-        found = validation.validate(path)
+        found = validation.examine(path).findings
         assert any("train-00000" in text and "SHA-256" in text for text in found), place
         assert all("\n" not in text for text in found)
 

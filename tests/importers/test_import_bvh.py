@@ -14,7 +14,7 @@ from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
 from ha2g_jax.importers.mocap import ImportOptions, import_bvh, with_constant_lengths
 from ha2g_jax.motion.readers.bvh_motion import read_motion
-from ha2g_jax.skeleton import load_skeleton, positions_to_directions
+from ha2g_jax.skeleton import bone_lengths, load_skeleton, positions_to_directions
 
 EXPRESSIVE, GESTURE = load_skeleton("ted_expressive"), load_skeleton("ted_gesture")
 SECONDS = 6.0
@@ -80,9 +80,8 @@ def test_a_unit_that_cannot_be(recording, tmp_path):
     with pytest.raises(UserError, match=r"talk\.bvh: it has arms 3\.3 units long .* \(--unit\)"):
         read_motion(path, EXPRESSIVE, fps=15)
     assert read_motion(path, EXPRESSIVE, fps=15, unit=1 / 6).unit == pytest.approx(1 / 6)
-    for unit in ("feet", -1, "nan"):
-        with pytest.raises(UserError, match="expected auto or metres"):
-            import_bvh(path, tmp_path / "out", unit=unit)
+    with pytest.raises(UserError, match="expected auto or metres"):
+        import_bvh(path, tmp_path / "out", unit="nan")
 
 
 def test_without_fingers(recording, tmp_path):
@@ -205,8 +204,7 @@ def test_a_real_recording_is_whole(real):
     clips, skeleton = real
     positions = np.concatenate([clip.positions for clip in clips])
     assert positions.shape[1:] == (skeleton.num_joints, 3)
-    parents, children = (list(ends) for ends in zip(*skeleton.bones, strict=True))
-    lengths = np.linalg.norm(positions[:, children] - positions[:, parents], axis=-1)
+    lengths = bone_lengths(skeleton, positions)
     assert (np.ptp(lengths, axis=0) < 0.01 * lengths.mean(axis=0)).all()
     assert 60 < len(positions) / 15 <= 69 and sum(len(clip.words) for clip in clips) > 130
     for clip in clips:

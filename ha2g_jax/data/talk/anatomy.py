@@ -96,7 +96,6 @@ def reach(skeleton: skeletons.Skeleton, wrist: tuple[float, float, float], swive
     """Find the arm angles that put the wrist at a point (inverse kinematics of the left arm).
 
     Args:
-        skeleton: skeleton with the lengths of the upper arm and the forearm.
         wrist: position of the wrist relative to the shoulder, in metres outward, up and forward; a point out of reach
             is moved along its direction into reach.
         swivel: rotation of the elbow about the line from shoulder to wrist, in degrees; 0 is straight below the line,

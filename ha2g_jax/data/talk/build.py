@@ -13,7 +13,7 @@ import numpy as np
 import tqdm
 
 from ha2g_jax.data import records
-from ha2g_jax.data.corpus import TALK, corpus_folder
+from ha2g_jax.data.corpus import TALK, TALK_VERSION, corpus_folder
 from ha2g_jax.data.corpus_writer import MAX_FPS, MIN_FPS, CorpusWriter
 from ha2g_jax.data.processes import parallel_map
 from ha2g_jax.data.talk import grammar
@@ -39,7 +39,6 @@ from ha2g_jax.progress import progress_bar
 FPS = 15
 SPLITS = ("train", "val", "test", "test_unseen_speakers")
 
-_VERSION = "talk-v3"
 _DIED = "a worker process was killed, perhaps because memory ran out; use fewer --workers"
 _DEFAULT_MINUTES = 144
 _CLIP_SECONDS = (10.0, 19.0)  # a clip lasts until the end of the sentence at this time, some seconds longer
@@ -100,7 +99,7 @@ def make_talk(
     if synthesiser != DEFAULT_SYNTHESISER:
         options += f" --synthesiser {synthesiser}"
     metadata = {
-        "name": _VERSION,
+        "name": TALK_VERSION,
         "source": f"ha2g data make-talk --speakers {speakers} --minutes {minutes:g} --seed {seed}{options}",
         "licence": SYNTHESISERS[synthesiser].licence,
     }

@@ -52,13 +52,11 @@ def import_ted(
 
     Poses are resampled to 15 frames per second. Windows of 42 frames start every 10 frames; those that pass
     `recording.TED` are kept, and clips without a window are not written. Unusable clips are reported on standard
-    error.
+    error. There is one worker per core by default.
 
     Args:
         src: folder that contains `train`, `val` and `test`, or `lmdb_train` etc., or the folder of one database.
-        dst: folder to make; nothing is left of it after an error.
         split: name of the split if `src` is one database.
-        workers: number of processes; one per core by default.
 
     Raises:
         UserError: there is no database or a damaged one, its joints are those of neither data set, no window is left,

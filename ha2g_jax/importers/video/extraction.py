@@ -170,7 +170,7 @@ def resample(values: np.ndarray, times: np.ndarray, at: np.ndarray) -> np.ndarra
 
 def _image_seconds(times: np.ndarray) -> float:
     """Return the mean time for which an image is shown, an assumed one for a single image."""
-    return float(times[-1] - times[0]) / (len(times) - 1) if len(times) > 1 else 1 / 25
+    return float(times[-1] - times[0]) / (len(times) - 1) if len(times) > 1 else 1 / _DEFAULT_RATE
 
 
 def _with_images(clips: list[Clip], video: _Video, settings: VideoSettings) -> list[Clip]:

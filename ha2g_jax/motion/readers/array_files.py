@@ -23,7 +23,7 @@ from ha2g_jax.motion.armature import export_axes
 from ha2g_jax.motion.motion import check_length
 from ha2g_jax.motion.readers import joint_maps
 from ha2g_jax.motion.readers.body import find_up, to_skeleton_axes
-from ha2g_jax.skeleton import SKELETONS, Skeleton, load_skeleton
+from ha2g_jax.skeleton import SKELETONS, Skeleton, bone_lengths, load_skeleton
 
 ARRAYS = ("positions", "fps", "joint_names", "borders")
 
@@ -129,8 +129,7 @@ def check_positions(positions: np.ndarray, skeleton: Skeleton, path: pathlib.Pat
         raise UserError(
             f"{shown(path)} has a position of {largest:.4g}; expected at most {_MAX_PLACE:g}: export it again"
         )
-    parents, children = (list(ends) for ends in zip(*skeleton.bones, strict=True))
-    lengths = np.linalg.norm(positions[:, children] - positions[:, parents], axis=-1)
+    lengths = bone_lengths(skeleton, positions)
     if (lengths < _MIN_LENGTH).any():
         frame, bone = np.argwhere(lengths < _MIN_LENGTH)[0]
         parent, child = (skeleton.joints[joint] for joint in skeleton.bones[bone])

@@ -242,11 +242,6 @@ def test_folders_without_data_are_refused(dataset: pathlib.Path, tmp_path: pathl
     refused(dataset, tmp_path, "has both train and lmdb_train")
 
 
-def test_existing_corpus_is_kept(dataset: pathlib.Path, tmp_path: pathlib.Path):
-    (tmp_path / "out" / "before").mkdir(parents=True)
-    refused(dataset, tmp_path, "out exists already")
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -171,18 +171,7 @@ def test_if_all_fail_nothing_is_left(settings, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["bad.mp4"]
 
 
-def test_mistakes_are_told_before_any_work(videos, settings, tmp_path):
-    (tmp_path / "dst" / "before").mkdir(parents=True)
-    (tmp_path / "none").mkdir()
-    for arguments, message in [
-        (([videos], tmp_path / "dst"), "exists already"),
-        (([tmp_path / "none"], tmp_path / "new"), "no video in"),
-        (([tmp_path / "nowhere"], tmp_path / "new"), "no file or folder"),
-    ]:
-        with pytest.raises(UserError, match=message):
-            build.build_video(*arguments, settings=settings())
-    with pytest.raises(UserError, match="unknown runner 'slurm'"):
-        build.build_video([videos], tmp_path / "new", runner="slurm")
+def test_an_overlay_does_not_overwrite_its_video(settings, tmp_path):
     video = tmp_path / "talk.mp4"
     video.write_bytes(b"video")
     with pytest.raises(UserError, match=r"the overlay would overwrite .*talk\.mp4"):

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from ha2g_jax.importers.video import holistic
 from ha2g_jax.importers.video.keypoints import clean, from_holistic
-from ha2g_jax.skeleton import load_skeleton, positions_to_directions
+from ha2g_jax.skeleton import bone_lengths, load_skeleton, positions_to_directions
 
 SKELETON = load_skeleton("ted_expressive")
 SIZE = (640, 480)
@@ -155,11 +155,6 @@ def waving(count: int, hertz: float = 0.8, size: float = 0.3) -> np.ndarray:
     return positions
 
 
-def lengths(positions: np.ndarray) -> np.ndarray:
-    parents, children = (list(ends) for ends in zip(*SKELETON.bones, strict=True))
-    return np.linalg.norm(positions[:, children] - positions[:, parents], axis=-1)
-
-
 def degrees(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Angles between the bones of two motions."""
     cosines = np.sum(positions_to_directions(SKELETON, first) * positions_to_directions(SKELETON, second), axis=-1)
@@ -191,10 +186,10 @@ def test_jitter_goes_and_strokes_stay_in_time():
 
 def test_bones_have_one_length_the_same_on_both_sides():
     motion = waving(60) * np.linspace(0.9, 1.1, 60)[:, None, None]
-    found = lengths(clean(motion, np.ones((60, 43)), FPS))
+    found = bone_lengths(SKELETON, clean(motion, np.ones((60, 43)), FPS))
     assert np.ptp(found, axis=0).max() < 1e-6
     np.testing.assert_allclose(found[0], found[0][SKELETON.mirror_bones], atol=1e-6)
-    np.testing.assert_allclose(found[0, 0], lengths(SKELETON.mean_pose[None])[0, 0], rtol=0.01)
+    np.testing.assert_allclose(found[0, 0], bone_lengths(SKELETON, SKELETON.mean_pose[None])[0, 0], rtol=0.01)
 
 
 def test_a_short_gap_is_interpolated_and_a_long_one_held():
@@ -252,10 +247,10 @@ def test_what_was_never_seen_rests():
     confidence[:, FINGERS] = 0
     cleaned = clean(waving(40), confidence, FPS)
     assert np.isfinite(cleaned).all()
-    assert (lengths(cleaned) > 0.01).all()
+    assert (bone_lengths(SKELETON, cleaned) > 0.01).all()
     nothing = clean(np.full((40, 43, 3), np.nan), np.zeros((40, 43)), FPS)
     assert np.isfinite(nothing).all()
-    np.testing.assert_allclose(lengths(nothing), np.tile(SKELETON.lengths, (40, 1)), rtol=1e-4)
+    np.testing.assert_allclose(bone_lengths(SKELETON, nothing), np.tile(SKELETON.lengths, (40, 1)), rtol=1e-4)
 
 
 @settings(max_examples=50, deadline=None, derandomize=True)
@@ -268,4 +263,4 @@ def test_any_gaps_give_whole_poses(count, seed, fraction, fps):
     assert cleaned.shape == (count, 43, 3)
     assert np.isfinite(cleaned).all()
     if count:
-        assert np.ptp(lengths(cleaned), axis=0).max() < 1e-5
+        assert np.ptp(bone_lengths(SKELETON, cleaned), axis=0).max() < 1e-5

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from fixtures.videos import HEIGHT, WIDTH, make_video
 
-from ha2g_jax.errors import UserError
 from ha2g_jax.importers.video.overlay import write_overlay
 from ha2g_jax.skeleton import load_skeleton
 
@@ -83,13 +82,3 @@ def test_points_far_away_and_odd_values_are_drawn_or_not_but_never_crash(tmp_pat
     points[5, 0], points[6, 1] = np.inf, np.nan
     write_overlay(tmp_path / "out.mp4", video, points, np.ones((10, 43)))
     assert len(read(tmp_path / "out.mp4")[0]) == 10
-
-
-def test_what_cannot_be_read_leaves_nothing_behind(tmp_path):
-    whole = make_video(tmp_path / "whole.mp4", seconds=1.0).read_bytes()
-    (tmp_path / "broken.mp4").write_bytes(whole[: len(whole) // 2])
-    (tmp_path / "empty.mp4").touch()
-    for name in ("broken.mp4", "empty.mp4"):
-        with pytest.raises(UserError, match=name):
-            write_overlay(tmp_path / "new" / "out.mp4", tmp_path / name, points_of(10), np.ones((10, 43)))
-    assert not (tmp_path / "new").exists()
