@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ha2g_jax.features.audio import wave_window
+from ha2g_jax.features.audio import high_pass, wave_window
 from ha2g_jax.features.spectrum import asr_log_mel, asr_window, log_mel, mel_window
 from ha2g_jax.features.text import Vocabulary, Word, plain_words, words_to_frames
 
@@ -40,8 +40,8 @@ class Speech(NamedTuple):
 _TRACKS: dict[str, tuple[Callable[[np.ndarray], np.ndarray], Callable[..., np.ndarray]]] = {
     # librosa's spectrograms are in column-major order; batches need row-major order.
     "mel": (lambda audio: log_mel(audio).astype(np.float16, order="C"), mel_window),
-    "asr_mel": (lambda audio: asr_log_mel(audio).astype(np.float16, order="C"), asr_window),
-    "audio": (lambda audio: np.asarray(audio, np.float32), wave_window),
+    "asr_mel": (lambda audio: asr_log_mel(high_pass(audio)).astype(np.float16, order="C"), asr_window),
+    "audio": (high_pass, wave_window),
 }
 INPUTS = (*_TRACKS, "words", "plain_words")
 

@@ -26,6 +26,7 @@ from ha2g_jax.limits import (
 
 SAMPLE_RATE = 16000
 MIN_SECONDS = 0.2
+LOWEST_HZ = 80.0  # lowest frequency of speech, that of a deep voice
 
 _INFINITE = 1e30  # greater samples would overflow in sums of them
 _logger = logging.getLogger(__name__)
@@ -56,6 +57,7 @@ _BLOCK = 1 << 20  # values that are decoded at a time
 _UNKNOWN = 1 << 62  # libsndfile's number of samples where a header does not state it
 _SAMPLE_DUMP = b"\xf0\x7e"
 _MPEG = b"\xff"  # first byte of MP3 without a tag; its decoder prints
+_PADDING = SAMPLE_RATE // 10  # samples by which the ends are continued before sound is filtered
 _PAIRWISE = 8  # channels from which NumPy adds in another order
 
 
@@ -163,6 +165,14 @@ def _report(num_bad: int, num_samples: int, name: str) -> None:
         raise UserError(f"{name} has only NaN or infinite samples; export the recording again")
     if num_bad:
         _logger.warning("%s: %d of %d samples are NaN or infinite; taken as silence", name, num_bad, num_samples)
+
+
+def high_pass(audio: np.ndarray) -> np.ndarray:
+    """Return sound (samples,) at 16 kHz, float32, without what is below `LOWEST_HZ`, and without delay."""
+    from scipy import signal  # few methods read samples, and its import takes a while
+
+    sections = signal.butter(4, LOWEST_HZ, "highpass", fs=SAMPLE_RATE, output="sos")
+    return signal.sosfiltfilt(sections, audio, padlen=min(_PADDING, len(audio) - 1)).astype(np.float32)
 
 
 def window_samples(num_frames: int, fps: float) -> int:

@@ -2,6 +2,7 @@
 
 HA2G's is librosa's, whose import takes seconds because it compiles with numba: FFT 1024, hop 512, periodic Hann window,
 centred frames with reflected borders, 128 mel bands of Slaney's scale and area normalisation over 0-8 kHz, power to dB.
+What is below 80 Hz counts for nothing: a constant, rumble and the hum of the mains are in no voice.
 D11: 0 dB is the maximum of the clip, the floor lies 80 dB below it; the spectrogram is computed once per clip and
 sliced at the nearest column.
 
@@ -18,7 +19,7 @@ import math
 
 import numpy as np
 
-from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.features.audio import LOWEST_HZ, SAMPLE_RATE
 
 FFT_SIZE = 1024
 HOP_LENGTH = 512
@@ -26,6 +27,7 @@ NUM_MELS = 128
 FLOOR_DB = -80.0
 # A clip whose loudest mel power is lower is silence: 70 dB below the noise of 16-bit rounding.
 _SILENCE_POWER = 1e-15
+_FIRST_HEARD = math.ceil(LOWEST_HZ * FFT_SIZE / SAMPLE_RATE)  # number of a frequency of the FFT
 
 NUM_ASR_MELS = 80  # mel bands of Whisper's models, except large-v3 and its derivatives, which have 128
 ASR_COLUMNS_PER_SECOND = 100
@@ -79,7 +81,9 @@ def mel_power(padded: np.ndarray) -> np.ndarray:
 
     Column c is that of samples 512 c to 512 c + 1023.
     """
-    return mel_spectrum(power_spectrum(padded, FFT_SIZE, HOP_LENGTH), NUM_MELS)
+    power = power_spectrum(padded, FFT_SIZE, HOP_LENGTH)
+    power[:_FIRST_HEARD] = 0
+    return mel_spectrum(power, NUM_MELS)
 
 
 def decibels(power: np.ndarray, reference: float) -> np.ndarray:

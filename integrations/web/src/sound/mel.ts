@@ -10,6 +10,7 @@ export const NUM_MELS = 128;
 export const FLOOR_DB = -80;
 
 const SILENCE_POWER = 1e-15; // a clip whose loudest mel power is lower is silence
+const FIRST_HEARD = Math.ceil((80 * FFT_SIZE) / SAMPLE_RATE); // a constant, rumble and hum below 80 Hz count for nothing
 const LEAST_RATIO = Math.fround(1e-8); // of the floor
 
 const spectrum = new PowerSpectrum(FFT_SIZE);
@@ -25,6 +26,7 @@ const power = new Float32Array(1 + FFT_SIZE / 2);
  */
 export function melPower(samples: Float32Array, start: number, mel: Float32Array): void {
   spectrum.compute(samples, start, power);
+  power.fill(0, 0, FIRST_HEARD);
   for (let band = 0; band < NUM_MELS; band++) {
     const filter = filters[band];
     let sum = 0;
