@@ -367,4 +367,4 @@ def read_words(
         return ()
     from ha2g_jax.features import words as transcripts
 
-    return transcripts.words_of(audio, words, recognise=None)
+    return transcripts.words_of(audio, words, recognise=None, media=speech)

@@ -112,7 +112,7 @@ def _write_page(arguments: argparse.Namespace) -> None:
         page = view(motions, words=transcripts.read_words(words) if words else ())
     else:
         audio = _read_audio(arguments.audio)
-        spoken = transcripts.words_of(audio, words, recognise=None) if words else ()
+        spoken = transcripts.words_of(audio, words, recognise=None, media=arguments.audio) if words else ()
         page = view(motions, audio, words=spoken)
     page.save(arguments.out)
 

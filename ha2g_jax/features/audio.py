@@ -3,7 +3,7 @@
 import contextlib
 import logging
 import pathlib
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from typing import Any, NamedTuple
 
 import av
@@ -54,6 +54,10 @@ _TAGS: Any = {} if int(av.__version__.split(".")[0]) >= 19 else {"metadata_error
 # Exceptions of libsndfile and its wrapper, after which FFmpeg is tried.
 _SOUNDFILE_ERRORS = (soundfile.SoundFileError, OSError, ValueError, ArithmeticError, TypeError, AssertionError)
 _BLOCK = 1 << 20  # values that are decoded at a time
+_MOST_HEADER = 1024  # bytes; a file of this size may be a header alone
+_LEAST_GAP = 0.015  # seconds between two frames, above which they are a gap and not rounded times
+_CANCELLED = 0.1  # ratio of powers below which the mean of channels is not that of independent sounds
+_INAUDIBLE = 2e-4  # range of the samples of silence: a few steps of 16 bits
 _UNKNOWN = 1 << 62  # libsndfile's number of samples where a header does not state it
 _SAMPLE_DUMP = b"\xf0\x7e"
 _MPEG = b"\xff"  # first byte of MP3 without a tag; its decoder prints
@@ -64,17 +68,19 @@ _PAIRWISE = 8  # channels from which NumPy adds in another order
 class _Block(NamedTuple):
     """Decoded sound."""
 
-    samples: np.ndarray  # (samples,) float32, mean of the channels
+    samples: np.ndarray  # (samples, channels) float32
     rate: int  # samples per second
-    channels: int  # of the file
     declared: int = 0  # samples of the whole file by its header, 0 if it does not say
 
 
 def read_audio(path: str | pathlib.Path, max_seconds: float = MAX_SOUND_SECONDS) -> np.ndarray:
     """Read the audio of any file that libsndfile or PyAV (FFmpeg) reads, including videos.
 
-    Channels are averaged; samples that are NaN or infinite become 0, with a warning in the log; audio with a peak above
-    1 is scaled to a peak of 1. No more than `max_seconds` are decoded.
+    Channels are averaged, unless they cancel each other, as where one is the other upside down: then the loudest is
+    taken. Of several tracks it is the one that a player takes, and where packets of it are lost there is silence.
+    Samples that are NaN or infinite become 0; audio with a peak above 1 is scaled to a peak of 1. A warning in the log
+    names a file with such samples or channels, or in which nothing is to be heard. No more than `max_seconds` are
+    decoded.
 
     Returns:
         (samples,) float32, mono, 16 kHz; duration x 16000 samples, rounded.
@@ -93,26 +99,50 @@ def read_audio(path: str | pathlib.Path, max_seconds: float = MAX_SOUND_SECONDS)
     # Sums of samples that are damaged may be infinite.
     with reading(path, "a recording of speech"), np.errstate(over="ignore", invalid="ignore"):
         try:
-            samples = _collect(_libsndfile_blocks(path), shown(path), max_seconds)
+            samples = _mono(_libsndfile_blocks, path, max_seconds)
         except _SOUNDFILE_ERRORS:
-            samples = _collect(_ffmpeg_blocks(path), shown(path), max_seconds)
+            samples = _mono(_ffmpeg_blocks, path, max_seconds)
+    if np.ptp(samples) < _INAUDIBLE:
+        _logger.warning("no sound in %s: nothing is to be heard in it", shown(path))
     peak = max(samples.max(), -samples.min())
     if peak > 1:
         samples /= peak
     return samples
 
 
-def _collect(blocks: Iterator[_Block], name: str, max_seconds: float) -> np.ndarray:
-    """Return the sound of blocks, (samples,) float32 at 16 kHz; it is resampled block by block, which gives the same
-    samples as to resample all of it at once."""
+def _mono(decode: Callable[[pathlib.Path], Iterator[_Block]], path: pathlib.Path, max_seconds: float) -> np.ndarray:
+    """Return the mean of the channels of a file, or the loudest channel if they cancel each other."""
+    samples, power, powers = _collect(decode(path), shown(path), max_seconds)
+    # The mean of sounds that have nothing to do with each other has the power sum(powers) / channels^2.
+    if power < _CANCELLED * powers.sum() / len(powers) ** 2:
+        channel = int(powers.argmax())
+        _logger.warning("%s: its channels cancel each other; channel %d is used", shown(path), channel + 1)
+        samples, _, _ = _collect(decode(path), shown(path), max_seconds, channel)
+    return samples
+
+
+def _collect(
+    blocks: Iterator[_Block], name: str, max_seconds: float, channel: int | None = None
+) -> tuple[np.ndarray, float, np.ndarray]:
+    """Read the sound of blocks, which is resampled block by block, with the same samples as all of it at once.
+
+    Returns:
+        (samples,) float32 at 16 kHz, the mean of the channels or one of them; the sum of its squares before it is
+        resampled, and that of each channel.
+    """
     parts, num_samples, num_bad, rate, resampler = [], 0, 0, SAMPLE_RATE, None
+    power, powers = 0.0, np.zeros(0)
     for block in blocks:
         if block.rate != SAMPLE_RATE and resampler is None:
             rate = block.rate
             resampler = soxr.ResampleStream(rate, SAMPLE_RATE, 1, dtype="float32", quality="HQ")
         num_samples += len(block.samples)
-        _check_most(max(num_samples, block.declared), rate, block.channels, name, max_seconds)
-        samples, bad = _finite(block.samples)
+        _check_most(max(num_samples, block.declared), rate, block.samples.shape[1], name, max_seconds)
+        samples, bad = _finite(_mix(block.samples) if channel is None else block.samples[:, channel])
+        power += float(samples @ samples)
+        if not bad:
+            squares = np.einsum("ij,ij->j", block.samples, block.samples)
+            powers = squares + powers if len(powers) == len(squares) else squares
         num_bad += bad
         parts.append(samples if resampler is None else resampler.resample_chunk(samples))
     _check_least(num_samples, rate, name)
@@ -121,7 +151,8 @@ def _collect(blocks: Iterator[_Block], name: str, max_seconds: float) -> np.ndar
         parts.append(resampler.resample_chunk(np.zeros(0, np.float32), last=True))
     samples = np.concatenate(parts)
     expected = round(num_samples * SAMPLE_RATE / rate)
-    return samples[:expected] if len(samples) >= expected else np.pad(samples, (0, expected - len(samples)))
+    samples = samples[:expected] if len(samples) >= expected else np.pad(samples, (0, expected - len(samples)))
+    return samples, power, powers
 
 
 def check_samples(samples: np.ndarray) -> np.ndarray:
@@ -203,25 +234,47 @@ def _libsndfile_blocks(path: pathlib.Path) -> Generator[_Block, None, None]:
             rate, channels = file.samplerate, file.channels
             _check_header(path, rate, channels)
             declared = file.frames if 0 < file.frames < _UNKNOWN else 0
-            yield _Block(np.zeros(0, np.float32), rate, channels, declared)
+            if not file.frames and path.stat().st_size > _MOST_HEADER:
+                raise ValueError("a header that was never finished; FFmpeg reads to the end of the file")
+            yield _Block(np.zeros((0, channels), np.float32), rate, declared)
             while True:
                 with silence():
                     block = file.read(_BLOCK // channels, dtype="float32", always_2d=True)
                 if not len(block):
                     return
-                yield _Block(_mix(block), rate, channels)
+                yield _Block(block, rate)
 
 
 def _ffmpeg_blocks(path: pathlib.Path) -> Generator[_Block, None, None]:
     try:
         with open_media(path) as container:
-            if not container.streams.audio:
+            if (stream := sound_track(container)) is None:
                 raise UserError(f"{shown(path)} has no sound; expected a recording of speech, or a video with sound")
-            yield from _decode(path, container.streams.audio[0], container)
+            yield from _decode(path, stream, container)
     except MEDIA_ERRORS as error:
         raise UserError(
             f"{shown(path)} holds no sound that can be read ({reason(error).lower()}); expected a recording of speech"
         ) from error
+
+
+def sound_track(container: InputContainer) -> av.AudioStream | None:
+    """Return the track of sound that a player takes: the one that is marked as default, or else the fullest."""
+    stream = container.streams.best("audio") or next(iter(container.streams.audio), None)  # none is best if all are odd
+    return stream if isinstance(stream, av.AudioStream) else None
+
+
+def sound_start(path: pathlib.Path) -> float:
+    """Return when the sound of a file starts on the clock of the file, by which its images and subtitles are shown.
+
+    It is 0 seconds for a file without sound, or whose frames have no times.
+
+    Raises:
+        One of `MEDIA_ERRORS`: the file cannot be read, or is no recording.
+    """
+    with open_media(path) as container:
+        stream = sound_track(container)
+        first = None if stream is None else next(container.decode(stream), None)
+    return (first.time if first else None) or 0.0
 
 
 def has_sound(path: pathlib.Path) -> bool:
@@ -249,13 +302,22 @@ def _decode(path: pathlib.Path, stream: av.AudioStream, container: InputContaine
     context.options = {"max_samples": str(_MAX_PACKET_VALUES)}
     # Interleaved, because PyAV reads beyond the planes of a frame of eight channels.
     to_float = av.AudioResampler(format="flt")
+    start, num_samples = None, 0
     for frame in container.decode(stream):
         if frame.sample_rate != rate:
             raise ValueError(f"the sample rate changes from {rate} to {frame.sample_rate}")
         channels = frame.layout.nb_channels
         _check_header(path, rate, channels)
+        if frame.time is not None:
+            start = frame.time if start is None else start
+            lost = round((frame.time - start) * rate) - num_samples
+            if lost > _LEAST_GAP * rate:
+                num_samples += lost
+                for first in range(0, lost, _BLOCK):  # a reader stops at its limit, whatever time a file states
+                    yield _Block(np.zeros((min(_BLOCK, lost - first), channels), np.float32), rate)
+        num_samples += frame.samples
         for part in to_float.resample(frame):
-            yield _Block(_mix(part.to_ndarray().reshape(-1, channels)), rate, channels)
+            yield _Block(part.to_ndarray().reshape(-1, channels), rate)
 
 
 def _check_header(path: pathlib.Path, rate: int, channels: int) -> None:

@@ -9,6 +9,7 @@ import librosa
 import numpy as np
 import pytest
 import soundfile
+from av.stream import Disposition
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.features import audio, spectrum
@@ -117,3 +118,64 @@ def test_reads_real_recordings(private_data):
     for samples in (recording, film):
         assert np.abs(samples).max() > 0.05
         assert np.mean(spectrum.log_mel(samples) > -60) > 0.2
+
+
+def write_tracks(path, tracks, *, lost=(), default=0):
+    """Write tracks of pieces of a tenth of a second at 16 kHz, without the pieces `lost`."""
+    with av.open(str(path), "w") as container:
+        streams = [container.add_stream("pcm_s16le", rate=16000, layout="mono") for _ in tracks]
+        for number, stream in enumerate(streams):
+            stream.disposition = Disposition.default if number == default else Disposition(0)
+        for piece in range(len(tracks[0]) // 1600):
+            for stream, samples in zip(streams, tracks, strict=True):
+                values = np.round(samples[None, 1600 * piece : 1600 * (piece + 1)] * 32767).astype(np.int16)
+                frame = av.AudioFrame.from_ndarray(values, format="s16", layout="mono")
+                frame.sample_rate, frame.pts = 16000, 1600 * piece
+                container.mux([] if piece in lost else stream.encode(frame))
+
+
+def test_lost_packets_are_silence_so_that_nothing_after_them_is_early(tmp_path):
+    samples = tone(4)
+    write_tracks(tmp_path / "a.mkv", [samples], lost=range(10, 25))
+    samples[16000:40000] = 0
+    np.testing.assert_allclose(audio.read_audio(tmp_path / "a.mkv"), samples, atol=1e-4)
+
+
+def test_a_time_far_away_is_no_silence_that_fills_memory(tmp_path):
+    write_tracks(tmp_path / "a.mkv", [tone(8000)], lost=range(1, 79990))
+    with pytest.raises(UserError, match="minutes of sound"):
+        audio.read_audio(tmp_path / "a.mkv")
+
+
+def test_the_track_is_the_one_that_players_take(tmp_path):
+    write_tracks(tmp_path / "a.mkv", [np.zeros(16000, np.float32), tone(1)], default=1)
+    np.testing.assert_allclose(audio.read_audio(tmp_path / "a.mkv"), tone(1), atol=1e-4)
+
+
+@pytest.mark.parametrize("size", [0, 0xFFFFFFFF])
+def test_a_header_that_was_never_finished_is_read_to_the_end_of_the_file(tmp_path, size):
+    soundfile.write(tmp_path / "a.wav", tone(1), 16000)
+    content = bytearray((tmp_path / "a.wav").read_bytes())
+    content[4:8] = content[40:44] = size.to_bytes(4, "little")
+    (tmp_path / "a.wav").write_bytes(content)
+    np.testing.assert_allclose(audio.read_audio(tmp_path / "a.wav"), tone(1), atol=1e-4)
+
+
+@pytest.mark.parametrize("leak", [0, 0.05])
+def test_of_channels_that_cancel_each_other_the_loudest_is_taken(tmp_path, caplog, leak):
+    soundfile.write(tmp_path / "a.wav", np.stack([0.9 * tone(1), -tone(1) + leak * noise(16000)], 1), 16000, "FLOAT")
+    np.testing.assert_allclose(audio.read_audio(tmp_path / "a.wav"), -tone(1) + leak * noise(16000), atol=1e-6)
+    assert "its channels cancel each other; channel 2 is used" in caplog.text
+
+
+def test_channels_of_which_one_is_silent_are_averaged(tmp_path, caplog):
+    soundfile.write(tmp_path / "a.wav", np.stack([tone(1), *np.zeros((5, 16000))], 1), 16000, "FLOAT")
+    np.testing.assert_allclose(audio.read_audio(tmp_path / "a.wav"), tone(1) / 6, atol=1e-6)
+    assert not caplog.text
+
+
+@pytest.mark.parametrize("constant", [0.0, 0.05])
+def test_silence_is_named(tmp_path, caplog, constant):
+    soundfile.write(tmp_path / "a.wav", np.full(16000, constant), 16000)
+    audio.read_audio(tmp_path / "a.wav")
+    assert "no sound in" in caplog.text

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.features.audio import SAMPLE_RATE, sound_start
 from ha2g_jax.features.text import Word
 from ha2g_jax.features.words.parsers import parse_srt, parse_textgrid, parse_vtt, without_brackets
 from ha2g_jax.features.words.timing import Stretch, fill_gaps, inside, to_words
@@ -26,6 +26,7 @@ _CONTROLS = {*map(chr, range(32)), "\x7f", "\ufffe"} - set("\t\n\r\f\v")
 _logger = logging.getLogger(__name__)
 
 # Formats with a time for each word come first, a text without times last.
+_SUBTITLES = (".vtt", ".srt")
 _PREFERENCE = (".textgrid", ".json", ".tsv", ".csv", ".vtt", ".srt", ".txt")
 _LANGUAGE = re.compile(r"\.[a-z]{2,3}(?:-[a-zA-Z]{2,8})?")
 
@@ -37,11 +38,14 @@ _COLUMNS = {
 _MAX_ROW = 1 << 16
 
 
-def words_of(audio: np.ndarray, path: pathlib.Path | None, *, recognise: str | None) -> tuple[Word, ...]:
+def words_of(
+    audio: np.ndarray, path: pathlib.Path | None, *, recognise: str | None, media: pathlib.Path | None = None
+) -> tuple[Word, ...]:
     """Return the words within a recording (samples,) float32 at 16 kHz, in seconds from its start.
 
     They are read from a transcript that `read_words` reads, aligned from a .txt file without times, or, if `path` is
-    None, recognised by the Whisper model of the name or folder `recognise`.
+    None, recognised by the Whisper model of the name or folder `recognise`. Subtitles have the clock of the images of
+    `media`, the file of the recording, whose sound may start later.
 
     Raises:
         UserError: there is neither a transcript nor a model, or one of them fails.
@@ -61,6 +65,8 @@ def words_of(audio: np.ndarray, path: pathlib.Path | None, *, recognise: str | N
         words = alignment.align(audio, _read_text(path))
     else:
         words = read_words(path)
+        if media is not None and path.suffix.lower() in _SUBTITLES and (start := sound_start(media)):
+            words = [Word(word.text, word.start - start, word.end - start) for word in words]
     return inside(words, len(audio) / SAMPLE_RATE)
 
 
@@ -117,7 +123,7 @@ def read_words(path: pathlib.Path) -> tuple[Word, ...]:
         )
     text = _read_text(path)
     parse = _FORMATS[suffix]
-    if suffix in (".vtt", ".srt"):  # often one has the suffix of the other
+    if suffix in _SUBTITLES:  # often one has the suffix of the other
         parse = parse_vtt if text.lstrip().startswith("WEBVTT") else parse_srt
     words = to_words(parse(text, path), path)
     if not words:

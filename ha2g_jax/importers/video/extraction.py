@@ -90,7 +90,7 @@ def extract(
     video = recording.video
     audio = read_audio(video)
     times = images.image_times(video)
-    words = transcripts.words_of(audio, recording.transcript, recognise=settings.recognise)
+    words = transcripts.words_of(audio, recording.transcript, recognise=settings.recognise, media=video)
     spans = find_shots(video, settings.shot_threshold)
     poses = pose.estimate(video, command=settings.pose_command)
     if len(poses.positions) != len(times):

@@ -11,7 +11,7 @@ from av.container import InputContainer
 from PIL import Image
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.features.audio import MEDIA_ERRORS, open_media
+from ha2g_jax.features.audio import MEDIA_ERRORS, open_media, sound_start
 from ha2g_jax.files.reading import reason, shown
 from ha2g_jax.limits import MAX_VIDEO_IMAGE_BYTES, MAX_VIDEO_IMAGES, MAX_VIDEO_PIXELS
 from ha2g_jax.skeleton import Skeleton
@@ -98,7 +98,10 @@ def image_times(video: pathlib.Path) -> np.ndarray:
         raise UserError(
             f"{shown(video)} was cut off: it has {found:.1f} s of images but declares more; get the whole file"
         )
-    start = _sound_start(video)
+    try:
+        start = sound_start(video)
+    except MEDIA_ERRORS as error:
+        raise _unreadable(video, error) from error
     stated = np.array([time for time in times if time is not None])
     if len(stated) == len(times) and (np.diff(stated) > 0).all():
         return stated - start
@@ -172,17 +175,6 @@ def _inside(middle: float, side: int, size: int) -> int:
     """Return the start of a stretch of length `side` around `middle`, moved into [0, size] if it fits."""
     start = round(middle - side / 2)
     return min(max(start, 0), size - side) if side <= size else (size - side) // 2
-
-
-def _sound_start(video: pathlib.Path) -> float:
-    with open_video(video) as container:
-        if not container.streams.audio:
-            return 0.0
-        try:
-            first = next(container.decode(container.streams.audio[0]), None)
-        except MEDIA_ERRORS as error:
-            raise _unreadable(video, error) from error
-    return (first.time if first else None) or 0.0
 
 
 def _stated_seconds(container: InputContainer) -> float:

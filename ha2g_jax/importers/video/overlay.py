@@ -11,7 +11,7 @@ from av.container import OutputContainer
 from PIL import Image, ImageDraw
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.features.audio import MEDIA_ERRORS, open_media
+from ha2g_jax.features.audio import MEDIA_ERRORS, open_media, sound_track
 from ha2g_jax.files.reading import reason, shown
 from ha2g_jax.files.writing import whole_file
 from ha2g_jax.importers.video import images
@@ -128,9 +128,8 @@ def _sound(video: pathlib.Path) -> Iterator[av.AudioFrame]:
     """Yield the audio in blocks that AAC accepts: mono or stereo."""
     try:
         with open_media(video) as container:
-            if not container.streams.audio:
+            if (stream := sound_track(container)) is None:
                 return
-            stream = container.streams.audio[0]
             rate = next((known for known in _SOUND_RATES if known <= stream.rate), _SOUND_RATES[-1])
             layout = "mono" if stream.channels == 1 else "stereo"
             to_aac = av.AudioResampler(format="fltp", layout=layout, rate=rate)

@@ -134,7 +134,7 @@ def read_speech(recording: MotionRecording, *, with_words: bool) -> tuple[np.nda
     audio = read_audio(path)
     if transcript is None:
         return audio, None
-    return audio, transcripts.words_of(audio, transcript, recognise=None)
+    return audio, transcripts.words_of(audio, transcript, recognise=None, media=path)
 
 
 def compare_lengths(recording: MotionRecording, motion: float, audio: np.ndarray) -> str | None:
