@@ -1,6 +1,7 @@
 /** The worker that reads sound, so that a long file does not hold up the page. */
 
 import { resample } from "../src/sound/resample.js";
+import { isCancelled } from "../src/sound/speech.js";
 import { readSound } from "../src/sound/wav.js";
 import { peaksOf } from "./peaks.js";
 
@@ -21,7 +22,9 @@ self.onmessage = ({ data }: MessageEvent<Given>) => {
 };
 
 function mean(channels: Float32Array[]): Float32Array {
-  const [first, ...rest] = channels;
-  for (const channel of rest) channel.forEach((sample, i) => (first[i] += sample));
-  return rest.length ? first.map((sample) => sample / channels.length) : first;
+  if (channels.length === 1) return channels[0];
+  const power = (samples: Float32Array) => samples.reduce((sum, sample) => sum + sample * sample, 0);
+  const mixed = channels[0].map((_, i) => channels.reduce((sum, channel) => sum + channel[i], 0) / channels.length);
+  const powers = channels.map(power);
+  return isCancelled(power(mixed), powers) ? channels[powers.indexOf(Math.max(...powers))] : mixed;
 }

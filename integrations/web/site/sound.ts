@@ -30,6 +30,11 @@ export async function openSound(file: File, signal: AbortSignal): Promise<Sound>
   if (!file.size) throw new Error(`${file.name} is empty.`);
   if (file.size > MAX_BYTES) throw new Error(`${file.name} is larger than ${MAX_BYTES / 2 ** 20} MiB.`);
   const head = new DataView(await file.slice(0, 64).arrayBuffer());
+  const start = new TextDecoder().decode(head).trimStart().toLowerCase();
+  if (start.startsWith("version https://git-lfs")) {
+    throw new Error(`${file.name} is a pointer of Git LFS, not the file; run git lfs pull.`);
+  }
+  if (/^<(!doctype )?html/.test(start)) throw new Error(`${file.name} is a web page, not a sound; download it again.`);
   if (isWave(head)) {
     checkSeconds(file.name, statedSeconds(head, file.size));
     return { name: file.name, content: file, ...(await read(file.name, { bytes: await bytesOf(file) }, signal)) };

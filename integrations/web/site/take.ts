@@ -1,6 +1,7 @@
 /** A motion with its sound. */
 
 import type { Motion } from "../src/motion/motion.js";
+import { isSilent } from "../src/sound/speech.js";
 import type { Gesturer } from "../src/synthesis/gesturer.js";
 import type { Settings } from "./settings.js";
 import { RATE, type Sound } from "./sound.js";
@@ -30,10 +31,11 @@ export async function generate(
 /** Says what a take is in one sentence. */
 export function describe({ sound, seconds }: Take): string {
   const length = sound.samples.length / RATE;
-  if (seconds === null) return `${sound.name}: ${length.toFixed(1)} s.`;
+  const silence = isSilent(sound.samples) ? " Nothing is to be heard in it." : "";
+  if (seconds === null) return `${sound.name}: ${length.toFixed(1)} s.${silence}`;
   const factor = length / seconds;
   const speed = factor < 10 ? factor.toFixed(1) : factor.toFixed(0);
-  return `${sound.name}: ${length.toFixed(1)} s of gestures in ${seconds.toFixed(1)} s, ${speed} times real time.`;
+  return `${sound.name}: ${length.toFixed(1)} s of gestures in ${seconds.toFixed(1)} s, ${speed} times real time.${silence}`;
 }
 
 /** Returns the name of a file to save, without a suffix. */

@@ -6,6 +6,7 @@ import { round, toFloat16 } from "../src/rounding.js";
 import { logMel, melPower, NUM_MELS, reflected } from "../src/sound/mel.js";
 import { resample } from "../src/sound/resample.js";
 import { RunningMel } from "../src/sound/running-mel.js";
+import { isSilent } from "../src/sound/speech.js";
 import { readSound } from "../src/sound/wav.js";
 import { noise } from "./model.js";
 
@@ -47,6 +48,22 @@ test("channels are averaged, and a recorder that was stopped may state any lengt
   const found = readSound(wav(stereo, { channels: 2, declared: 0xffffffff }));
   assert.equal(found.length, 4000);
   assert.ok(found.every((sample) => sample === 0.375));
+});
+
+test("a header that was never finished is read to the end of the file", () => {
+  assert.equal(readSound(wav(Array(4000).fill(0.5), { declared: 0 })).length, 4000);
+});
+
+test("of channels that cancel each other the loudest is taken", () => {
+  const stereo = Array.from({ length: 8000 }, (_, k) => (k % 2 ? -1 : 0.5) * Math.sin(0.1 * Math.floor(k / 2)));
+  const opposite = stereo.map((sample, k) => (k % 2 ? sample / 2 : sample));
+  assert.ok(Math.max(...readSound(wav(opposite, { channels: 2 }))) > 0.49);
+  assert.ok(Math.max(...readSound(wav(stereo, { channels: 2 }))) < 0.3);
+});
+
+test("nothing is to be heard in a constant", () => {
+  assert.ok(isSilent(new Float32Array(4000).fill(0.05)));
+  assert.ok(!isSilent(sine(440, 16000)));
 });
 
 test("NaN is silence, and a peak above 1 is scaled to 1", () => {

@@ -4,6 +4,8 @@ import { SAMPLE_RATE } from "./mel.js";
 
 const LEAST_SECONDS = 0.2;
 const MOST_SECONDS = 3900;
+const CANCELLED = 0.1; // ratio of powers below which a mean of channels is not that of independent sounds
+const INAUDIBLE = 2e-4; // range of the samples of silence: a few steps of 16 bits
 const INFINITE = 1e30; // greater samples would overflow in sums of them
 
 /**
@@ -33,6 +35,26 @@ export function finite(samples: Float32Array): Float32Array {
   if (samples.every(isFinite)) return samples;
   if (!samples.some(isFinite)) throw new Error("the sound has only NaN or infinite samples; record it again");
   return samples.map((sample) => (isFinite(sample) ? sample : 0));
+}
+
+/**
+ * Returns whether channels cancel each other in their mean, as where one of them is another upside down.
+ *
+ * @param power - sum of the squares of the mean.
+ * @param powers - sum of the squares of each channel.
+ */
+export function isCancelled(power: number, powers: readonly number[]): boolean {
+  return power < (CANCELLED * powers.reduce((sum, each) => sum + each, 0)) / powers.length ** 2;
+}
+
+/** Returns whether nothing is to be heard in samples, which may have a constant. */
+export function isSilent(samples: Float32Array): boolean {
+  let [least, most] = [1, -1];
+  for (const sample of samples) {
+    least = Math.min(least, sample);
+    most = Math.max(most, sample);
+  }
+  return most - least < INAUDIBLE;
 }
 
 /**

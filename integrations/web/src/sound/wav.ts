@@ -2,7 +2,7 @@
 
 import { SAMPLE_RATE } from "./mel.js";
 import { resample } from "./resample.js";
-import { checkLength, finite } from "./speech.js";
+import { checkLength, finite, isCancelled } from "./speech.js";
 
 const PCM = 1;
 const FLOAT = 3;
@@ -18,8 +18,8 @@ interface Format {
 }
 
 /**
- * Reads a WAV file as mono samples at 16 kHz; channels are averaged. Samples that are not finite become 0, and sound
- * with a peak above 1 is scaled to a peak of 1.
+ * Reads a WAV file as mono samples at 16 kHz; channels are averaged, or the loudest is taken if they cancel each other.
+ * Samples that are not finite become 0, and sound with a peak above 1 is scaled to a peak of 1.
  *
  * @param bytes - contents of the file.
  * @returns (samples,) at 16 kHz.
@@ -46,7 +46,7 @@ function readChunks(view: DataView): { format: Format; start: number; end: numbe
     if (text(view, at) === "fmt " && start + 16 <= total) format = readFormat(view, start);
     if (text(view, at) === "data") {
       if (!format) throw new Error("the WAV file does not say of what kind its samples are");
-      return { format, start, end: Math.min(start + size, total) }; // a recorder that is stopped leaves a wrong size
+      return { format, start, end: Math.min(start + (size || total), total) }; // a recorder that crashes states any size
     }
     at = start + size + (size % 2);
   }
@@ -69,17 +69,26 @@ function readFormat(view: DataView, at: number): Format {
   return { code, channels, rate, size };
 }
 
-/** Returns the mean of the channels, (numSamples,), added in float32 as NumPy does. */
+/** Returns the mean of the channels, (numSamples,), added in float32 as NumPy does, or the loudest of those that cancel. */
 function mix(view: DataView, format: Format, start: number, numSamples: number): Float32Array {
   const { channels, size } = format;
   const read = reader(view, format);
   const mixed = new Float32Array(numSamples);
+  const powers: number[] = Array(channels).fill(0);
+  let power = 0;
   for (let k = 0, at = start; k < numSamples; k++) {
     let sum = 0;
-    for (let channel = 0; channel < channels; channel++, at += size) sum = Math.fround(sum + Math.fround(read(at)));
+    for (let channel = 0; channel < channels; channel++, at += size) {
+      const sample = Math.fround(read(at));
+      sum = Math.fround(sum + sample);
+      powers[channel] += sample * sample;
+    }
     mixed[k] = sum / channels;
+    power += mixed[k] * mixed[k];
   }
-  return mixed;
+  if (!isCancelled(power, powers)) return mixed;
+  const loudest = powers.indexOf(Math.max(...powers));
+  return mixed.map((_, k) => read(start + (k * channels + loudest) * size));
 }
 
 /** Returns a function from a place to the sample there. */
