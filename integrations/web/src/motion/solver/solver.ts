@@ -7,7 +7,7 @@ import { exportAxes } from "../rest.js";
 import { continuous, unit, type Numbers } from "../rotations.js";
 import { solve } from "./frames.js";
 import { clamp, withoutJumps } from "./limits.js";
-import { FrameByFrame, Twists } from "./twist.js";
+import { FrameByFrame, WholeMotion } from "./twist.js";
 
 /**
  * Converts a motion to rotations of the joints of the "ha2g" armature, as Python's `solver.animate`.
@@ -20,7 +20,7 @@ import { FrameByFrame, Twists } from "./twist.js";
 export function animate(motion: Motion): Animation {
   const { skeleton, fps } = motion;
   const armature = ha2gArmature(skeleton);
-  const free = solve(skeleton, armature, byBone(skeleton, motion.directions), new Twists(fps));
+  const free = solve(skeleton, armature, byBone(skeleton, motion.directions), new WholeMotion(fps));
   const kept = withoutJumps(free, clamp(armature.joints, free));
   const rotations = kept.map((joint) => continuous(unit(joint, 4)));
   return { armature, rotations, start: new Float64Array(3), fps };

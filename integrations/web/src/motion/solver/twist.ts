@@ -25,7 +25,7 @@ export interface Twists {
 }
 
 /** Twists of a motion whose frames are all known. */
-export class Twists implements Twists {
+export class WholeMotion implements Twists {
   constructor(private readonly fps: number) {}
 
   transport(_: string, above: Numbers, axis: Numbers, along: Numbers): Numbers {
