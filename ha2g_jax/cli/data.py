@@ -5,7 +5,16 @@ import json
 import pathlib
 from typing import TYPE_CHECKING, Any
 
-from ha2g_jax.cli.parser import add_reading, positive, print_verdict, read_seed, refuse_others, stored_text
+from ha2g_jax.cli.parser import (
+    READING,
+    add_reading,
+    positive,
+    print_verdict,
+    read_seed,
+    reading,
+    refuse_others,
+    stored_text,
+)
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
 from ha2g_jax.skeleton import SKELETONS
@@ -18,8 +27,8 @@ _MOTION = ("skeleton", "fps", "speaker", "audio", "words", "no_words", "license"
 # Options of `data import` that have an effect, by the kind of the recordings.
 _IMPORT = {
     "ted": ("split", "workers"),
-    "bvh": (*_MOTION, "split", "joint_map", "unit"),
-    "smplx": (*_MOTION, "split", "model", "up", "source_fps"),
+    "bvh": (*_MOTION, "split", *READING),
+    "smplx": (*_MOTION, "split", "model", "up", "source_fps", "unit"),
 }
 
 
@@ -59,7 +68,6 @@ def _add_import(data: Any) -> None:
     motion.add_argument("--words", type=pathlib.Path, metavar="FILE", help="transcript, if SRC is one file")
     motion.add_argument("--no-words", action="store_true", help="allow recordings without a transcript")
     add_reading(motion)
-    motion.add_argument("--unit", metavar="METRES", help="metres in one unit of BVH (default: by the arms' length)")
     motion.add_argument(
         "--model", type=pathlib.Path, metavar="NPZ", help="an SMPL-X body model (default: a neutral template)"
     )
@@ -237,14 +245,15 @@ def _add_inspect(data: Any) -> None:
     command.add_argument("-o", "--out", type=pathlib.Path, metavar="FILE", help="page to write, .html")
     command.add_argument("--samples", type=int, metavar="N", help="clips to watch in the page (default: 4)")
     command.add_argument(
-        "--recording", type=pathlib.Path, metavar="BVH", help="a real speaker to compare the motion with in the page"
+        "--recording", type=pathlib.Path, metavar="MOTION", help="a real speaker to compare the motion with in the page"
     )
+    add_reading(command)
     command.add_argument("--json", action="store_true", help="print JSON")
     command.set_defaults(run=_inspect)
 
 
 def _inspect(arguments: argparse.Namespace) -> int:
-    page = ("samples", "recording", "out")
+    page = ("samples", "recording", "out", *READING)
     if arguments.check:
         from ha2g_jax.data.validation import examine
 
@@ -260,8 +269,11 @@ def _inspect(arguments: argparse.Namespace) -> int:
     from ha2g_jax.evaluation.corpus_report import write_report
 
     refuse_others(arguments, (), ("json",), "a page")
+    if arguments.recording is None:
+        refuse_others(arguments, (), READING, "a page without --recording")
     samples = 4 if arguments.samples is None else arguments.samples
-    print(write_report(arguments.corpus, arguments.out, num_samples=samples, recording=arguments.recording))
+    options = {"num_samples": samples, "recording": arguments.recording, **reading(arguments)}
+    print(write_report(arguments.corpus, arguments.out, **options))
     return 0
 
 

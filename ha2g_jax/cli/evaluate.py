@@ -5,7 +5,7 @@ import json
 import pathlib
 from typing import Any
 
-from ha2g_jax.cli.parser import add_reading, read_seed, reading, refuse_others
+from ha2g_jax.cli.parser import READING, add_reading, read_seed, reading, refuse_others
 from ha2g_jax.errors import UserError
 from ha2g_jax.skeleton import SKELETONS
 
@@ -26,7 +26,7 @@ _OPTIONS = {
     "--checkpoint with --data": ("checkpoint", "data", "split", "look_ahead", "autoencoder", "legacy"),
     "--checkpoint with --speech": ("checkpoint", "speech"),
     "--motion with --reference": (
-        *("motion", "reference", "skeleton", "joint_map", "source_fps"),
+        *("motion", "reference", "skeleton", *READING),
         *("protocol", "body_model", "autoencoder", "legacy"),
     ),
 }

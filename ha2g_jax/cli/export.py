@@ -71,6 +71,9 @@ def _export(arguments: argparse.Namespace) -> None:
     every = {name: None for names in _OPTIONS.values() for name in names}
     refuse_others(arguments, _OPTIONS[suffix], tuple(every), suffix)
     check_kept([arguments.out], [*arguments.motions, arguments.audio, arguments.words])
+    from ha2g_jax.motion.readers import check_reading
+
+    check_reading(arguments.motions, **reading(arguments))
     if "rig" in _OPTIONS[suffix]:
         _export_motion(arguments, suffix)
     elif suffix == ".mp4":

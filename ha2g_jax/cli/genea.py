@@ -60,6 +60,8 @@ def _pack(arguments: argparse.Namespace) -> None:
     style = read_style(arguments)
     if arguments.motion is None:
         options |= {"checkpoint": arguments.checkpoint or "demo", "seed": arguments.seed or 0, "style": style}
+        if reading(arguments):
+            raise UserError("the options of reading are for the files of --motion; give --motion, or leave them out")
     elif (arguments.checkpoint, arguments.seed, style) != (None, None, RANDOM):
         raise UserError("--motion packs what is there; leave out the checkpoint, the seed and the style")
     path = write_pack(

@@ -10,6 +10,9 @@ from ha2g_jax.limits import MAX_SEED
 
 _MAX_DIGITS = 9
 
+READING = ("joint_map", "source_fps", "unit")
+"""Options of `add_reading`."""
+
 CONFIG = "a preset, such as talk:small or trimodal:talk:small, or FILE[:SIZE], as for ha2g train"
 
 
@@ -56,16 +59,35 @@ def add_reading(command: Any) -> None:
     command.add_argument(
         "--joint-map",
         metavar="MAP",
-        help="joint names of BVH files: auto, mixamo, zeroeggs, beat, genea, ha2g or a file (default: auto)",
+        help="joint names of the files: auto, mixamo, zeroeggs, beat, genea, a rig or a file (default: auto)",
     )
     command.add_argument(
-        "--source-fps", type=float, metavar="FPS", help="frames per second of files that do not say it"
+        "--source-fps",
+        type=float,
+        metavar="FPS",
+        help="true frames per second of files that do not say it, or say it wrongly",
+    )
+    command.add_argument(
+        "--unit", type=_metres, metavar="METRES", help="metres in one unit of the files (default: by the arms' length)"
     )
 
 
 def reading(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the options of `add_reading` as keyword arguments of `motion.readers.read_motion`."""
-    return {"joint_map": arguments.joint_map or "auto", "source_fps": arguments.source_fps}
+    given = {name: getattr(arguments, name) for name in READING}
+    return {name: value for name, value in given.items() if value is not None}
+
+
+def _metres(text: str) -> float | None:
+    if text == "auto":
+        return None
+    try:
+        metres = float(text)
+    except ValueError:
+        metres = 0.0
+    if not 0 < metres < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text[:40]!r} is not auto or metres, such as 0.01 for centimetres")
+    return metres
 
 
 def refuse_others(arguments: argparse.Namespace, allowed: Sequence[str], every: Sequence[str], kind: str) -> None:

@@ -11,7 +11,7 @@ import re
 import string
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from PIL import Image
@@ -43,7 +43,7 @@ from ha2g_jax.files.reading import shown
 from ha2g_jax.files.writing import whole_file
 from ha2g_jax.motion.formats.video import write_video
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.motion.readers.bvh_motion import read_motion
+from ha2g_jax.motion.readers import Reading, check_reading, read_motion
 from ha2g_jax.skeleton import (
     Skeleton,
     directions_to_positions,
@@ -79,13 +79,14 @@ def write_report(
     *,
     num_samples: int = 4,
     recording: str | os.PathLike | None = None,
+    **reading: Unpack[Reading],
 ) -> pathlib.Path:
     """Write a self-contained HTML page with videos, and return its path. Equal corpora give equal pages.
 
     Args:
         out: path of the page, an `.html`.
         num_samples: number of clips to watch, of different speakers if possible; 0 for none.
-        recording: path of a BVH motion capture of a real speaker, to compare the motion with.
+        recording: path of motion of a real speaker, to compare the motion with, about which `reading` is known.
 
     Raises:
         UserError: there is no corpus, a record or the recording cannot be used, the page cannot be written, or
@@ -95,7 +96,7 @@ def write_report(
     if out.suffix.lower() not in (".html", ".htm"):
         raise UserError(f"the report is an HTML page, not {out.name!r}; name it {out.name}.html")
     corpus = Corpus.open(path)
-    recorded = None if recording is None else _read_recording(recording, corpus)
+    recorded = None if recording is None else _read_recording(recording, corpus, reading)
     summary = summarise(path)
     sections = [
         _head(summary),
@@ -116,9 +117,11 @@ def write_report(
     return out
 
 
-def _read_recording(recording: str | os.PathLike, corpus: Corpus) -> np.ndarray:
+def _read_recording(recording: str | os.PathLike, corpus: Corpus, reading: Reading) -> np.ndarray:
     """Read recorded motion (T, joints, 3) with the bone lengths of a corpus, so that speeds are comparable."""
-    positions = read_motion(recording, corpus.skeleton, fps=corpus.fps).positions
+    check_reading([pathlib.Path(recording)], **reading)
+    motion = read_motion(recording, skeleton=corpus.skeleton.name, fps=corpus.fps, **reading)
+    positions = motion.positions
     if len(positions) < _MIN_FRAMES:
         raise UserError(f"{shown(recording)} has {len(positions)} frames; give a longer recording")
     return directions_to_positions(corpus.skeleton, positions_to_directions(corpus.skeleton, positions))

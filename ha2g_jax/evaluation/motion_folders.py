@@ -6,7 +6,7 @@ import os
 import pathlib
 import re
 from collections.abc import Container, Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 from tqdm import tqdm
@@ -23,13 +23,13 @@ from ha2g_jax.metrics.beats.times import audio_onsets
 from ha2g_jax.metrics.sanity import MISMATCHED, TRUTH
 from ha2g_jax.motion.readers import (
     SUFFIXES,
+    Reading,
     borders_of,
     read_content,
     read_motion,
     smplx,
     smplx_arrays,
 )
-from ha2g_jax.motion.readers.joint_maps import AUTO
 from ha2g_jax.motion.readers.recordings import AUDIO_SUFFIXES
 from ha2g_jax.motion.readers.smplx_body import JOINTS, Body, read_body_model, template
 from ha2g_jax.motion.resample import num_frames, resample
@@ -90,9 +90,8 @@ def from_folders(
     reference: str | os.PathLike,
     *,
     skeleton: str | None = None,
-    joint_map: str = AUTO,
-    source_fps: float | None = None,
     with_audio: bool = False,
+    **reading: Unpack[Reading],
 ) -> Folders:
     """Read the files of two folders that have the same name, up to the suffix.
 
@@ -103,9 +102,8 @@ def from_folders(
 
     Args:
         skeleton: "ted_expressive" or "ted_gesture"; by default the first of them that the first reference file fits.
-        joint_map: names of the joints of the files, see `motion.readers.read_motion`.
-        source_fps: frames per second of files that do not say it.
         with_audio: whether the sound is kept, which the legacy scores need.
+        reading: what is known about the files.
 
     Raises:
         UserError: a folder holds no motion, the names do not meet, or a file cannot be used.
@@ -118,7 +116,7 @@ def from_folders(
             f"{_few(motions)} and {_few(references)}; give both the names of the clips"
         )
     if skeleton is None:
-        first = read_motion(references[min(clips.values())], joint_map=joint_map, source_fps=source_fps)
+        first = read_motion(references[min(clips.values())], **reading)
         skeleton = first.meta["skeleton"]
     sounds = find_sounds({path.parent for path in (*motions.values(), *references.values())})
     pairs = []
@@ -127,7 +125,7 @@ def from_folders(
             (sounds[key] for key in (sound_key(references[clip]), sound_key(motions[file])) if key in sounds), None
         )
         pairs.append(_Pair(clip, clip.rpartition("/")[0] or clip, motions[file], references[clip], audio))
-    options = {"skeleton": skeleton, "joint_map": joint_map, "source_fps": source_fps, "with_audio": with_audio}
+    options = {"skeleton": skeleton, "reading": reading, "with_audio": with_audio}
     processes = min(os.cpu_count() or 1, 1 + len(pairs) // _PAIRS_PER_PROCESS)
     with parallel_map(processes, _DIED) as each:
         found = each(functools.partial(_read, **options), pairs)
@@ -140,17 +138,13 @@ def from_folders(
     )
 
 
-def read_directions(
-    path: pathlib.Path, skeleton: str, *, joint_map: str = AUTO, source_fps: float | None = None
-) -> FileMotion:
-    """Read the direction vectors of a file at 15 frames per second.
-
-    The other arguments are those of `motion.readers.read_motion`.
+def read_directions(path: pathlib.Path, skeleton: str, **reading: Unpack[Reading]) -> FileMotion:
+    """Read the direction vectors of a file, about which `reading` is known, at 15 frames per second.
 
     Raises:
         UserError: the file cannot be read or is motion of another skeleton.
     """
-    motion = read_motion(path, skeleton=skeleton, fps=FPS, joint_map=joint_map, source_fps=source_fps)
+    motion = read_motion(path, skeleton=skeleton, fps=FPS, **reading)
     borders = borders_of(motion, path)
     fps = motion.meta.get("read_from", {}).get("fps", motion.fps) if motion.fps == FPS else motion.fps
     if motion.fps == FPS:
@@ -212,11 +206,8 @@ def sound_key(path: pathlib.Path) -> tuple[pathlib.Path, str]:
     return path.parent, path.stem.removesuffix(_GENERATED).lower()
 
 
-def _read(pair: _Pair, skeleton: str, joint_map: str, source_fps: float | None, with_audio: bool) -> _Read:
-    motion, reference = (
-        read_directions(path, skeleton, joint_map=joint_map, source_fps=source_fps)
-        for path in (pair.motion, pair.reference)
-    )
+def _read(pair: _Pair, skeleton: str, reading: Reading, with_audio: bool) -> _Read:
+    motion, reference = (read_directions(path, skeleton, **reading) for path in (pair.motion, pair.reference))
     audio = None if pair.audio is None else read_audio(pair.audio)
     onsets, num_frames = None, len(reference.directions)
     if audio is not None:
@@ -256,9 +247,9 @@ def score_beat2(
     read: Mapping[str, Folders],
     *,
     body_model: str | os.PathLike | None = None,
-    source_fps: float | None = None,
     seed: int = 0,
     draws: int = DRAWS,
+    **reading: Unpack[Reading],
 ) -> dict[str, Any]:
     """Score folders of SMPL-X motion by BC and L1div of BEAT2.
 
@@ -284,10 +275,10 @@ def score_beat2(
         raise UserError("no sequence has motion by all methods; give motion of the same clips as the reference")
     joints: dict[str, list[np.ndarray]] = {name: [] for name in (TRUTH, *methods)}
     for clip in ids:
-        arrays = _read_arrays(truth[clip].path, source_fps)
+        arrays = _read_arrays(truth[clip].path, reading)
         found = {TRUTH: _joints(arrays, body, arrays.betas)}
         for name, paths in methods.items():
-            found[name] = _joints(_read_arrays(paths[clip], source_fps), body, arrays.betas)
+            found[name] = _joints(_read_arrays(paths[clip], reading), body, arrays.betas)
         length = min(map(len, found.values()))
         for name, places in found.items():
             joints[name].append(places[:length])
@@ -312,12 +303,12 @@ def score_beat2(
     return {"rows": results, "notes": _beat2_notes(body_model, len(ids))}
 
 
-def _read_arrays(path: pathlib.Path | None, source_fps: float | None) -> smplx_arrays.SmplxArrays:
+def _read_arrays(path: pathlib.Path | None, reading: Reading) -> smplx_arrays.SmplxArrays:
     if path is None:
         raise UserError("the protocol beat2 needs files of SMPL-X motion")
     content = read_content(path)
     try:
-        return smplx_arrays.to_arrays(content.arrays, source_fps)
+        return smplx_arrays.to_arrays(content.arrays, reading.get("source_fps"), reading.get("unit"))
     except UserError as error:
         raise UserError(f"{shown(path)}: {error}; the protocol beat2 scores SMPL-X only") from error
 

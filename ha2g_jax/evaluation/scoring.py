@@ -3,7 +3,7 @@
 import os
 import pathlib
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Unpack
 
 from ha2g_jax import __version__, metrics
 from ha2g_jax.data.corpus import TRAIN, Corpus
@@ -11,13 +11,13 @@ from ha2g_jax.data.talk import build
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.clip_result import from_corpus, split_limits, training_motion
 from ha2g_jax.evaluation.evaluate import LEVEL, evaluate, measure, score_as_json
-from ha2g_jax.evaluation.motion_folders import BEAT2, from_folders, score_beat2
+from ha2g_jax.evaluation.motion_folders import BEAT2, find_motions, from_folders, score_beat2
 from ha2g_jax.evaluation.table import PARTS
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.files.reading import shown
 from ha2g_jax.metrics.beats import strokes
 from ha2g_jax.metrics.row import SEED_FRAMES
-from ha2g_jax.motion.readers.joint_maps import AUTO
+from ha2g_jax.motion.readers import Reading, check_reading
 
 MIN_SECONDS = 10.0  # of a recording
 TEST_SPLITS, OTHER_SPLIT = ("test", "test_unseen_speakers"), "val"
@@ -32,20 +32,20 @@ def evaluate_folders(
     autoencoder: str | os.PathLike | None = None,
     legacy: bool = False,
     skeleton: str | None = None,
-    joint_map: str = AUTO,
-    source_fps: float | None = None,
     protocol: str | None = None,
     body_model: str | os.PathLike | None = None,
     seed: int = 0,
+    **reading: Unpack[Reading],
 ) -> dict[str, Any]:
     """Score the motion in folders, each made by one system, against that in another one, paired by names of files.
 
     Args:
         motion: folder of the motion of a system, or several, which are scored on the clips that all of them have.
-        reference: folder of the true motion; see `motion_folders.from_folders` for it, the joint map and `source_fps`.
+        reference: folder of the true motion; see `motion_folders.from_folders`.
         autoencoder: workdir or folder of a pose auto-encoder, for FGD and diversity.
         skeleton: "ted_expressive" or "ted_gesture"; by default that of the auto-encoder, or else of the files.
         protocol: "beat2" to add the scores of `score_beat2`, for SMPL-X motion, with its body model.
+        reading: what is known about the files.
 
     Returns:
         As `make_results`, with one section under the name of the reference folder; the rows of the motion have the
@@ -63,14 +63,15 @@ def evaluate_folders(
     features = _features(autoencoder)
     if skeleton is None and features is not None:
         skeleton = features.skeleton.name
+    every = [pathlib.Path(folder) for folder in (reference, *folders)]
+    check_reading([path for folder in every for path in find_motions(folder).values()], **reading)
     read = {}
     for name, folder in zip(names, folders, strict=True):
-        options = {"joint_map": joint_map, "source_fps": source_fps, "with_audio": legacy}
-        read[name] = from_folders(folder, reference, skeleton=skeleton, **options)
+        read[name] = from_folders(folder, reference, skeleton=skeleton, with_audio=legacy, **reading)
         skeleton = read[name].skeleton.name
     of_protocol = {}
     if protocol is not None:  # before the other scores, which take longer than to find that the files do not fit
-        of_protocol["beat2"] = score_beat2(read, body_model=body_model, source_fps=source_fps, seed=seed)
+        of_protocol["beat2"] = score_beat2(read, body_model=body_model, seed=seed, **reading)
     truth = {clip.id: clip for each in read.values() for clip in each.reference}
     section = evaluate(
         {name: each.motion for name, each in read.items()},

@@ -8,7 +8,7 @@ import os
 import pathlib
 import re
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 import tqdm
@@ -20,9 +20,8 @@ from ha2g_jax.data.recording import MOCAP, Recording, Report, SplitReport, cut, 
 from ha2g_jax.data.records import Clip
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
-from ha2g_jax.limits import MAX_MOTION_FPS, MIN_MOTION_FPS
-from ha2g_jax.motion.readers import joint_maps
-from ha2g_jax.motion.readers.body import UPS
+from ha2g_jax.motion.readers import Reading, joint_maps
+from ha2g_jax.motion.readers.body import UPS, check_stated
 from ha2g_jax.motion.readers.bvh_motion import read_motion
 from ha2g_jax.motion.readers.recordings import (
     AUDIO_SUFFIXES,
@@ -86,6 +85,7 @@ class _FileMotion(NamedTuple):
 
     positions: np.ndarray  # (T, joints, 3) float32 metres in the axes of the skeleton, at the corpus' frame rate
     seconds: float  # length of the motion in the file
+    fps: float  # frames per second of the file
     description: str  # how the file was interpreted, which is stored in the corpus
     is_good: np.ndarray | None = None  # (T,) whether a pose can be used, None if all can
 
@@ -94,9 +94,7 @@ def import_bvh(
     src: str | os.PathLike,
     dst: str | os.PathLike,
     options: ImportOptions = _DEFAULTS,
-    *,
-    joint_map: str = joint_maps.AUTO,
-    unit: float | str = "auto",
+    **reading: Unpack[Reading],
 ) -> Report:
     """Write a corpus of one BVH file, or of all BVH files in a folder and its subfolders.
 
@@ -105,9 +103,7 @@ def import_bvh(
     second are cut to the shorter one, with a warning.
 
     Args:
-        joint_map: "auto", "mixamo", "zeroeggs", "beat", "genea", "ha2g" or the path of a file; see `joint_maps`.
-        unit: metres in one unit of the file; "auto" uses the unit of the joint map, or else millimetres, centimetres,
-            inches or metres by the length of the arms.
+        reading: what is known about the files.
 
     Returns:
         The counts of what was kept and left out, which are also stored in the corpus under "import".
@@ -117,29 +113,18 @@ def import_bvh(
     """
     src = pathlib.Path(src)
     recordings = find_recordings(src, ".bvh", speaker=options.speaker, audio=options.audio, words=options.words)
-    if joint_map != joint_maps.AUTO:
+    check_stated(reading.get("source_fps"), reading.get("unit"))
+    if (joint_map := reading.get("joint_map", joint_maps.AUTO)) != joint_maps.AUTO:
         joint_maps.load_map(joint_map)  # report an error of the map once, not for each file
-    read = functools.partial(_read_bvh, options=options, joint_map=joint_map, unit=_to_metres(unit))
+    read = functools.partial(_read_bvh, options=options, reading=reading)
     name = shown(src.resolve().name)
     return _import_files(recordings, read, dst, options, name=name, source=f"BVH files: {name}")
 
 
-def _read_bvh(path: pathlib.Path, options: ImportOptions, joint_map: str, unit: float | None) -> _FileMotion:
-    motion = read_motion(path, load_skeleton(options.skeleton), fps=options.fps, joint_map=joint_map, unit=unit)
+def _read_bvh(path: pathlib.Path, options: ImportOptions, reading: Reading) -> _FileMotion:
+    motion = read_motion(path, load_skeleton(options.skeleton), fps=options.fps, **reading)
     description = f"joint map {motion.joint_map}, unit {motion.unit:g} m, {motion.up} up"
-    return _FileMotion(motion.positions, motion.seconds, description)
-
-
-def _to_metres(unit: float | str) -> float | None:
-    if unit == "auto":
-        return None
-    try:
-        metres = float(unit)
-    except ValueError:
-        metres = 0.0
-    if not 0 < metres < float("inf"):
-        raise UserError(f"unit {str(unit)[:40]!r}; expected auto or metres, such as 0.01 for centimetres")
-    return metres
+    return _FileMotion(motion.positions, motion.seconds, motion.fps, description)
 
 
 def import_smplx(
@@ -150,6 +135,7 @@ def import_smplx(
     model: str | os.PathLike | None = None,
     up: str = AUTO,
     source_fps: float | None = None,
+    unit: float | None = None,
 ) -> Report:
     """Write a corpus of one file of SMPL-X motion, or of all .npz files in a folder and its subfolders.
 
@@ -164,6 +150,7 @@ def import_smplx(
         model: path of an SMPL-X body model (.npz), for joints of the person's shape; None for the neutral template.
         up: axis of the files that points up, one of `body.UPS`, or "auto".
         source_fps: frames per second of the files; None uses the rate stored in each file.
+        unit: metres in one unit of positions and translations; None stands for metres.
 
     Returns:
         The counts of what was kept and left out, which are also stored in the corpus under "import".
@@ -174,8 +161,7 @@ def import_smplx(
     src = pathlib.Path(src)
     if up not in (AUTO, *UPS):
         raise UserError(f"up {up!r}; expected {AUTO} or one of {', '.join(UPS)}")
-    if source_fps is not None and not MIN_MOTION_FPS <= source_fps <= MAX_MOTION_FPS:
-        raise UserError(f"{source_fps:g} frames per second of the files; expected {MIN_MOTION_FPS} to {MAX_MOTION_FPS}")
+    check_stated(source_fps, unit)
     recordings = find_embody(src, options.speaker) if src.is_dir() else []
     if recordings and (options.audio is not None or options.words is not None):
         raise UserError(f"{shown(src)} has captures of Embody 3D with their own sound; leave out --audio and --words")
@@ -186,18 +172,16 @@ def import_smplx(
         if options.speaker is None:
             recordings = [_with_speaker_of_name(recording) for recording in recordings]
     body = template() if model is None else read_body_model(model)
-    read = functools.partial(_read_smplx, options=options, body=body, source_fps=source_fps, up=up)
+    stated = {"source_fps": source_fps, "unit": unit, "up": up}
+    read = functools.partial(_read_smplx, options=options, body=body, stated=stated)
     joints = "neutral template" if model is None else f"body model {shown(pathlib.Path(model).name)}"
     name = shown(src.resolve().name)
     return _import_files(recordings, read, dst, options, name=name, source=f"SMPL-X files: {name}, {joints}")
 
 
-def _read_smplx(
-    path: pathlib.Path, options: ImportOptions, body: Body, source_fps: float | None, up: str
-) -> _FileMotion:
-    skeleton = load_skeleton(options.skeleton)
-    motion = read_smplx(path, skeleton, body, fps=options.fps, source_fps=source_fps, up=up)
-    return _FileMotion(motion.positions, motion.seconds, f"{motion.kind}, {motion.up} up", motion.is_good)
+def _read_smplx(path: pathlib.Path, options: ImportOptions, body: Body, stated: dict[str, Any]) -> _FileMotion:
+    motion = read_smplx(path, load_skeleton(options.skeleton), body, fps=options.fps, **stated)
+    return _FileMotion(motion.positions, motion.seconds, motion.fps, f"{motion.kind}, {motion.up} up", motion.is_good)
 
 
 def _with_folders_of_beat(recordings: list[MotionRecording], root: pathlib.Path) -> list[MotionRecording]:
@@ -289,7 +273,7 @@ def _import_file(
     try:
         motion = read(recording.path)
         audio, words = read_speech(recording, with_words=options.with_words)
-        warning = compare_lengths(recording, motion.seconds, audio)
+        warning = compare_lengths(recording, motion.seconds, motion.fps, audio)
     except UserError as error:
         return _failed(str(error))
     skeleton = load_skeleton(options.skeleton)

@@ -82,7 +82,7 @@ def test_video_and_key_frames_show_a_bvh_beside_a_motion(files, tmp_path):
 def test_motions_go_by_the_names_of_their_files_and_if_need_be_folders(files):
     def names(*paths, names=None):
         arguments = argparse.Namespace(
-            motions=[files / path for path in paths], names=names, joint_map="auto", source_fps=None
+            motions=[files / path for path in paths], names=names, joint_map=None, source_fps=None, unit=None
         )
         return list(export._load(arguments))
 

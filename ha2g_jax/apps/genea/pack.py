@@ -12,7 +12,7 @@ import zipfile
 import zlib
 from collections import defaultdict
 from collections.abc import Callable, Collection, Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 
@@ -36,7 +36,7 @@ from ha2g_jax.files.npz import read_npz
 from ha2g_jax.files.reading import check_regular, file_sha256, read_json, reading, shown
 from ha2g_jax.files.writing import check_new, temporary_folder, whole_file, whole_folder
 from ha2g_jax.limits import MAX_MOTION_BYTES, MAX_RECORD_BYTES
-from ha2g_jax.motion.readers import joint_maps, smplx, smplx_arrays
+from ha2g_jax.motion.readers import Reading, smplx, smplx_arrays
 from ha2g_jax.motion.readers.smplx_body import read_body_model, template
 from ha2g_jax.motion.resample import num_frames
 from ha2g_jax.progress import progress_bar, stage
@@ -65,8 +65,7 @@ def write_pack(
     style: Style = RANDOM,
     shapes: pathlib.Path | None = None,
     body_model: pathlib.Path | None = None,
-    joint_map: str = joint_maps.AUTO,
-    source_fps: float | None = None,
+    **reading: Unpack[Reading],
 ) -> pathlib.Path:
     """Write the motion of clips as a pack, completely or not at all, and return its path.
 
@@ -84,7 +83,7 @@ def write_pack(
         shapes: folder of files of BEAT2 with the shapes of the speakers; without it a shape is that of the file that
             is packed, or zero.
         body_model: SMPL-X body model (.npz), with which a person without a place stands on the floor.
-        joint_map, source_fps: see `motion.readers.read_motion`, for `motion`.
+        reading: what is known about the files of `motion`.
 
     Raises:
         UserError: `out` exists, a file cannot be used, names do not meet, or the pack cannot be written.
@@ -95,7 +94,7 @@ def write_pack(
     body = None if body_model is None else read_body_model(body_model)
     source: FromModel | FromFiles
     if motion is not None:
-        source = FromFiles(motion, list(paths), samples, body, joint_map=joint_map, source_fps=source_fps)
+        source = FromFiles(motion, list(paths), samples, body, **reading)
     else:
         with stage("loading the model"):
             model = load(checkpoint)

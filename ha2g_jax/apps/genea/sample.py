@@ -4,7 +4,7 @@ import collections
 import pathlib
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from ha2g_jax.motion.formats.tables import arrays_of
 from ha2g_jax.motion.lower_body import JOINTS as LOWER_JOINTS
 from ha2g_jax.motion.lower_body import SOLE
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.motion.readers import joint_maps, read_content, read_motion, smplx, smplx_arrays
+from ha2g_jax.motion.readers import Reading, check_reading, read_content, read_motion, smplx, smplx_arrays
 from ha2g_jax.motion.readers.smplx_arrays import NUM_SMPLH
 from ha2g_jax.motion.readers.smplx_body import JOINTS, Body, template
 from ha2g_jax.motion.resample import num_frames
@@ -93,15 +93,14 @@ def from_file(
     *,
     betas: np.ndarray | None = None,
     body: Body | None = None,
-    joint_map: str = joint_maps.AUTO,
-    source_fps: float | None = None,
+    **reading: Unpack[Reading],
 ) -> Sample:
     """Read a motion of any kind as `count` frames; poses of SMPL-X with y up keep their values.
 
     Args:
         betas: (n,) shape of the body, in place of that of the file.
         body: see `from_motion`.
-        joint_map, source_fps: see `motion.readers.read_motion`.
+        reading: what is known about the files.
 
     Raises:
         UserError: the file cannot be read, or its length differs from that of the speech by more than a second.
@@ -109,14 +108,14 @@ def from_file(
     content = read_content(path)
     if smplx_arrays.has_poses(content.arrays):
         with naming(path):
-            arrays = smplx_arrays.to_arrays(content.arrays, source_fps)
+            arrays = smplx_arrays.to_arrays(content.arrays, reading.get("source_fps"), reading.get("unit"))
             up = smplx.to_motion(arrays, load_skeleton("ted_expressive"), template(), fps=1.0).up
         betas = _own_betas(content.arrays, arrays) if betas is None else betas
         body = None  # `trans` is one of SMPL-X already
         if up == "y":
             _check_length(path, len(arrays.frames), arrays.fps, count)
             return _sample(smplx.at_rate(arrays._replace(betas=betas), FPS, count))
-    motion = read_motion(path, joint_map=joint_map, source_fps=source_fps)
+    motion = read_motion(path, **reading)
     _check_length(path, motion.num_frames, motion.fps, count)
     return from_motion(motion, count, betas=betas, body=body)
 
@@ -205,7 +204,7 @@ class FromFiles:
         folder: folder of the files, of any kind that `motion.readers` reads.
         count: number of samples of each clip; None takes what is there.
         body: see `from_motion`.
-        joint_map, source_fps: see `motion.readers.read_motion`.
+        reading: what is known about the files.
 
     Raises:
         UserError: a clip has no file, or clips have different numbers of files, or not `count`.
@@ -217,9 +216,7 @@ class FromFiles:
         clips: Sequence[str],
         count: int | None,
         body: Body | None,
-        *,
-        joint_map: str = joint_maps.AUTO,
-        source_fps: float | None = None,
+        **reading: Unpack[Reading],
     ) -> None:
         found: dict[str, list[pathlib.Path]] = collections.defaultdict(list)
         for name, path in find_motions(folder).items():
@@ -232,7 +229,8 @@ class FromFiles:
                 f"of the {len(clips)} clips, such as {shown(short[0])}.1.npz to {shown(short[0])}.{expected}.npz"
             )
         self._folder, self._paths, self._body = folder, dict(found), body
-        self._reading: dict[str, Any] = {"joint_map": joint_map, "source_fps": source_fps}
+        check_reading([path for paths in found.values() for path in paths], **reading)
+        self._reading = reading
 
     @property
     def facts(self) -> dict[str, Any]:

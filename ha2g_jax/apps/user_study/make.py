@@ -11,7 +11,7 @@ import json
 import pathlib
 import secrets
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple, Unpack
 
 import numpy as np
 
@@ -37,8 +37,8 @@ from ha2g_jax.files.writing import check_new, whole_folder
 from ha2g_jax.limits import MAX_SEED
 from ha2g_jax.motion.formats.video import VIDEO_FPS, check_size, fit_view, write_video
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.motion.readers import read_motion
-from ha2g_jax.motion.readers.joint_maps import AUTO
+from ha2g_jax.motion.readers import Reading, check_reading, read_motion
+from ha2g_jax.motion.readers.recordings import other_rate
 from ha2g_jax.progress import progress_bar
 from ha2g_jax.skeleton import SKELETONS, load_skeleton
 
@@ -68,9 +68,8 @@ def make_study(
     closing: pathlib.Path | None = None,
     post: str | None = None,
     size: int = 480,
-    joint_map: str = AUTO,
-    source_fps: float | None = None,
     seed: int | None = None,
+    **reading: Unpack[Reading],
 ) -> pathlib.Path:
     """Write a study, completely or not at all: `site/`, which is published, and `key.json`.
 
@@ -83,8 +82,8 @@ def make_study(
         clip_seconds: length in seconds to which longer clips are cut.
         title, consent, closing, post: see `pages.read_wording`.
         size: side of the videos in pixels.
-        joint_map, source_fps: see `motion.readers.read_motion`.
         seed: seed of all choices; drawn by default, so that the ids of the videos cannot be guessed.
+        reading: what is known about the files of motion.
 
     Raises:
         UserError: the folder exists or cannot be written, or the motion, the sound or a setting cannot be used.
@@ -95,8 +94,8 @@ def make_study(
     check_new(out)
     seed = secrets.randbelow(MAX_SEED) if seed is None else seed
     systems = name_systems(motions)
-    options = {"clips": clips, "clip_seconds": clip_seconds, "joint_map": joint_map, "source_fps": source_fps}
-    sources = read_sources(systems, speech=speech, seed=seed, **options)
+    options = {"clips": clips, "clip_seconds": clip_seconds, "speech": speech}
+    sources = read_sources(systems, seed=seed, **options, **reading)
     design = make_design(
         list(systems),
         sources.durations,
@@ -175,9 +174,8 @@ def read_sources(
     speech: pathlib.Path | None = None,
     clips: int | None = None,
     clip_seconds: float | None = None,
-    joint_map: str = AUTO,
-    source_fps: float | None = None,
     seed: int = 0,
+    **reading: Unpack[Reading],
 ) -> Sources:
     """Read the motion of all systems and its sound; the options are those of `make_study`.
 
@@ -193,7 +191,7 @@ def read_sources(
     found = {name: find_motions(folder) for name, folder in systems.items()}
     names = _choose(_common(found), clips, seed)
     paths = _find_sounds(systems, found, names, speech)
-    reading: dict[str, Any] = {"joint_map": joint_map, "source_fps": source_fps}
+    check_reading([path for files in found.values() for path in files.values()], **reading)
     fits = {read_motion(files[names[0]], **reading).meta["skeleton"] for files in found.values()}
     skeleton = max(fits, key=SKELETONS.index)  # the one with the most joints that the motion of every system has
     motions: dict[str, dict[str, Motion]] = {name: {} for name in systems}
@@ -273,8 +271,9 @@ def _read(path: pathlib.Path, skeleton: str, seconds: float, **options) -> Motio
     has = motion.num_frames / motion.fps
     if has < seconds - _TOLERANCE:
         raise UserError(
-            f"{shown(path)} has {has:.1f} s of motion for {seconds:.1f} s of sound; give motion as long as the sound, "
-            f"or cut all clips with --clip-seconds {max(MIN_SECONDS, int(has * 10) / 10):g}"
+            f"{shown(path)} has {has:.1f} s of motion for {seconds:.1f} s of sound"
+            f"{other_rate(has, motion.meta.get('read_from', {}).get('fps', motion.fps), seconds)}; give motion as long "
+            f"as the sound, or cut all clips with --clip-seconds {max(MIN_SECONDS, int(has * 10) / 10):g}"
         )
     count = min(motion.num_frames, round(seconds * motion.fps) + 1)
     return Motion.from_directions(load_skeleton(skeleton), motion.directions[:count], motion.fps)

@@ -14,25 +14,25 @@ Nothing is unpickled, and sizes are checked before anything is unpacked.
 import dataclasses
 import os
 import pathlib
-from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple, TypedDict, Unpack
 
 import numpy as np
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.npz import read_npz
 from ha2g_jax.files.reading import check_regular, naming, parse_json, read_bytes, reading, reason, shown
-from ha2g_jax.limits import MAX_MOTION_BYTES, MAX_MOTION_FPS, MAX_MOTION_JSON_BYTES, MIN_MOTION_FPS
+from ha2g_jax.limits import MAX_MOTION_BYTES, MAX_MOTION_JSON_BYTES
 from ha2g_jax.motion import motion as motions
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.readers import array_files, bvh_motion, joint_maps, smplx, smplx_arrays
-from ha2g_jax.motion.readers.body import ARM_RANGE, arm_length
-from ha2g_jax.motion.readers.bvh import read_bvh
+from ha2g_jax.motion.readers.body import ARM_RANGE, arm_length, check_arms, check_stated
+from ha2g_jax.motion.readers.bvh import Bvh, read_bvh
 from ha2g_jax.motion.readers.smplx_body import template
 from ha2g_jax.motion.resample import num_frames, resample
 from ha2g_jax.skeleton import SKELETONS, load_skeleton
 
-__all__ = ["SUFFIXES", "borders_of", "read_motion"]
+__all__ = ["SUFFIXES", "Reading", "borders_of", "check_reading", "read_motion"]
 
 SUFFIXES = (".npz", ".bvh", ".json", ".npy")
 """Suffixes by which files of motion are found in a folder."""
@@ -45,21 +45,47 @@ _HEAD = 64  # bytes that show the container
 _MAX_GROUPS = 2_000_000  # lists of a JSON file, which take long to parse; a position of a joint is one
 
 
+class Reading(TypedDict, total=False):
+    """What a user states about third-party files of motion: keyword arguments of `read_motion`.
+
+    Attributes:
+        joint_map: names of the joints in the file: "auto", one of `joint_maps.MAPS` or the path of a JSON or YAML file.
+        source_fps: frames per second of the file, whatever it says; by default what it says, and 15 for bare arrays.
+        unit: metres in one unit of the file; by default found by the arms' length.
+    """
+
+    joint_map: str
+    source_fps: float | None
+    unit: float | None
+
+
+def check_reading(paths: Sequence[pathlib.Path], **reading: Unpack[Reading]) -> None:
+    """Raise a UserError if an option has an effect on none of the files, or one of the files cannot be read."""
+    given = {name: value for name, value in reading.items() if value not in (None, joint_maps.AUTO)}
+    for path in paths if given else ():
+        effects = _EFFECTS[_reader_of(read_content(path))]
+        given = {name: value for name, value in given.items() if name not in effects}
+        if not given:
+            return
+    if given:
+        options = ", ".join(f"--{name.replace('_', '-')}" for name in given)
+        files = f"{shown(paths[0])} and the others" if paths[1:] else shown(paths[0])
+        raise UserError(f"the motion of {files} does not depend on {options}; leave {options} out")
+
+
 def read_motion(
     path: str | os.PathLike,
     *,
     skeleton: str | None = None,
     fps: float | None = None,
-    source_fps: float | None = None,
-    joint_map: str = joint_maps.AUTO,
+    **reading: Unpack[Reading],
 ) -> Motion:
     """Read the motion of a file of any kind.
 
     Args:
         skeleton: skeleton of the result, "ted_expressive" or "ted_gesture"; by default the first that the file fits.
         fps: frames per second of the result; None keeps those of the file. A motion of our own keeps its rate.
-        source_fps: frames per second of a file that does not say it; direction vectors have 15 by default.
-        joint_map: names of the joints in the file: "auto", one of `joint_maps.MAPS` or the path of a JSON or YAML file.
+        reading: what is known about the file, see `Reading`; what its kind does not depend on has no effect.
 
     Returns:
         The motion; `meta["read_from"]` says of a third-party file how it was read: "kind", "fps" of the file and more.
@@ -68,10 +94,10 @@ def read_motion(
         UserError: the file cannot be read, is of no kind, or does not hold a motion.
     """
     path = pathlib.Path(path)
-    if source_fps is not None and not MIN_MOTION_FPS <= source_fps <= MAX_MOTION_FPS:
-        raise UserError(f"{source_fps:g} frames per second of the file; expected {MIN_MOTION_FPS} to {MAX_MOTION_FPS}")
+    options = _Options(skeleton, fps, **reading)
+    check_stated(options.source_fps, options.unit)
     content = read_content(path)
-    motion = _reader_of(content)(content, _Options(skeleton, fps, source_fps, joint_map))
+    motion = _reader_of(content)(content, options)
     with naming(path):
         motion.check()
     return motion
@@ -107,8 +133,9 @@ class _Options(NamedTuple):
 
     skeleton: str | None
     fps: float | None
-    source_fps: float | None
-    joint_map: str
+    joint_map: str = joint_maps.AUTO
+    source_fps: float | None = None
+    unit: float | None = None
 
 
 def read_content(path: pathlib.Path) -> Content:
@@ -175,7 +202,9 @@ def _reader_of(content: Content) -> Callable[[Content, _Options], Motion]:
         return _read_bvh
     if _is_smplx(content):
         return _read_smplx
-    return _read_array if content.container == ".npy" else _read_positions
+    if content.container == ".npy":
+        return _read_directions if array_files.directions_skeleton(content.array) else _read_array
+    return _read_positions
 
 
 def _check_skeleton(path: pathlib.Path, found: str, options: _Options) -> None:
@@ -196,19 +225,19 @@ def _read_own(content: Content, options: _Options) -> Motion:
 
 
 def _read_bvh(content: Content, options: _Options) -> Motion:
-    skeleton = load_skeleton(options.skeleton or _bvh_skeleton(content.path, options.joint_map))
-    found = bvh_motion.read_motion(content.path, skeleton, fps=options.fps, joint_map=options.joint_map, with_legs=True)
+    bvh, given = read_bvh(content.path, options.source_fps), {"fps": options.fps, "unit": options.unit}
+    skeleton = load_skeleton(options.skeleton or _bvh_skeleton(bvh, content.path, options.joint_map))
+    found = bvh_motion.to_motion(bvh, content.path, skeleton, joint_map=options.joint_map, with_legs=True, **given)
     array_files.check_positions(found.positions.astype(np.float64), skeleton, content.path)
     facts = {"kind": "BVH", "fps": found.fps, "joint_map": found.joint_map, "unit": found.unit, "up": found.up}
     fps = options.fps or found.fps
     return Motion.from_positions(skeleton, found.positions, fps, {"read_from": facts}, lower=found.lower)
 
 
-def _bvh_skeleton(path: pathlib.Path, joint_map: str) -> str:
-    joints = read_bvh(path).joints
+def _bvh_skeleton(bvh: Bvh, path: pathlib.Path, joint_map: str) -> str:
     for name in SKELETONS[:-1]:
         try:
-            joint_maps.choose_map(joints, load_skeleton(name), joint_map, path)
+            joint_maps.choose_map(bvh.joints, load_skeleton(name), joint_map, path)
         except UserError:
             continue
         return name
@@ -230,7 +259,7 @@ def _read_smplx(content: Content, options: _Options) -> Motion:
     arrays = content.arrays or {smplx_arrays.POSITIONS[0]: content.array}
     with naming(content.path):
         found = smplx.to_motion(
-            smplx_arrays.to_arrays(arrays, options.source_fps), skeleton, template(), fps=options.fps
+            smplx_arrays.to_arrays(arrays, options.source_fps, options.unit), skeleton, template(), fps=options.fps
         )
     array_files.check_positions(found.positions.astype(np.float64), skeleton, content.path)
     meta = {"read_from": {"kind": "SMPL-X", "fps": found.fps, "up": found.up}}
@@ -239,31 +268,38 @@ def _read_smplx(content: Content, options: _Options) -> Motion:
 
 
 def _read_positions(content: Content, options: _Options) -> Motion:
-    return _from_positions(array_files.read_arrays(content.arrays, content.path), content.path, options)
+    stated = {} if options.source_fps is None else {"fps": np.array(options.source_fps)}
+    return _from_positions(array_files.read_arrays({**content.arrays, **stated}, content.path), content.path, options)
 
 
 def _from_positions(arrays: array_files.Arrays, path: pathlib.Path, options: _Options) -> Motion:
     skeleton = load_skeleton(options.skeleton or array_files.find_skeleton(arrays, options.joint_map, path))
-    positions = array_files.in_skeleton(arrays, skeleton, options.joint_map, path)
+    positions = array_files.in_skeleton(arrays, skeleton, options.joint_map, path) * (options.unit or 1.0)
     meta: dict[str, Any] = {"read_from": {"kind": "positions", "fps": arrays.fps}}
     if len(arrays.borders):
         meta["borders"] = arrays.borders.tolist()
     motion = Motion.from_positions(skeleton, positions, arrays.fps, meta)
     length = arm_length(positions, skeleton, "left")
-    if not ARM_RANGE[0] <= length <= ARM_RANGE[1]:  # not in metres: take the skeleton's bones
+    if options.unit is not None:
+        with naming(path):
+            check_arms(length / options.unit, options.unit)
+    elif not ARM_RANGE[0] <= length <= ARM_RANGE[1]:  # not in metres: take the skeleton's bones
         motion = Motion.from_directions(skeleton, motion.directions, arrays.fps, motion.meta)
     return _at_rate(motion, options.fps)
 
 
+def _read_directions(content: Content, options: _Options) -> Motion:
+    name, fps = array_files.directions_skeleton(content.array) or SKELETONS[0], options.source_fps or array_files.FPS
+    _check_skeleton(content.path, name, options)
+    skeleton = load_skeleton(name)
+    directions, is_residual = array_files.read_directions(content.array, skeleton, content.path)
+    facts = {"kind": "directions", "fps": fps, "mean_was_subtracted": is_residual}
+    return _at_rate(Motion.from_directions(skeleton, directions, fps, {"read_from": facts}), options.fps)
+
+
 def _read_array(content: Content, options: _Options) -> Motion:
-    """Read a `.npy` of direction vectors, or of the positions of all joints of a skeleton."""
+    """Read a `.npy` of the positions of all joints of a skeleton."""
     array, fps = content.array, options.source_fps or array_files.FPS
-    if name := array_files.directions_skeleton(array):
-        _check_skeleton(content.path, name, options)
-        skeleton = load_skeleton(name)
-        directions, is_residual = array_files.read_directions(array, skeleton, content.path)
-        facts = {"kind": "directions", "fps": fps, "mean_was_subtracted": is_residual}
-        return _at_rate(Motion.from_directions(skeleton, directions, fps, {"read_from": facts}), options.fps)
     for name in SKELETONS:
         joints = load_skeleton(name).joints
         if array.size and array.shape[1:] == (len(joints), 3):
@@ -286,3 +322,14 @@ def _at_rate(motion: Motion, fps: float | None) -> Motion:
         meta["borders"] = sorted({round(border * fps / motion.fps) for border in meta["borders"]})
     directions = resample(motion.directions, motion.fps, fps, count)
     return Motion.from_directions(motion.skeleton, directions, fps, meta)
+
+
+_EFFECTS: dict[Callable[[Content, _Options], Motion], tuple[str, ...]] = {
+    _read_own: (),
+    _read_bvh: ("joint_map", "source_fps", "unit"),
+    _read_smplx: ("source_fps", "unit"),
+    _read_directions: ("source_fps",),
+    _read_positions: ("joint_map", "source_fps", "unit"),
+    _read_array: ("source_fps", "unit"),
+}
+"""Options of `Reading` on which the motion of a file depends, by its reader."""

@@ -27,7 +27,7 @@ from ha2g_jax.skeleton import SKELETONS, Skeleton, bone_lengths, load_skeleton
 
 ARRAYS = ("positions", "fps", "joint_names", "borders")
 
-EXPECTED = "expected positions (T, J, 3), fps and joint_names (J,)"
+EXPECTED = "expected positions (T, J, 3), fps (or --source-fps) and joint_names (J,)"
 
 _MIN_LENGTH = 1e-6  # metres of a bone that has a direction
 _MAX_PLACE = 1e9  # in any unit; the squares of greater numbers lose their digits
@@ -141,14 +141,10 @@ def check_positions(positions: np.ndarray, skeleton: Skeleton, path: pathlib.Pat
 
 def _find_joints(names: tuple[str, ...], skeleton: Skeleton, joint_map: str) -> tuple[list[int], list[str]]:
     """Return the places of the skeleton's joints among the names, and the joints that are missing."""
-    plain = {name.casefold(): index for index, name in reversed(list(enumerate(names)))}
     mapped = {} if joint_map == joint_maps.AUTO else joint_maps.load_map(joint_map).names
-    places, missing = [], []
-    for joint in skeleton.joints:
-        known = [plain[name.casefold()] for name in (*mapped.get(joint, ()), joint) if name.casefold() in plain]
-        places.extend(known[:1])
-        missing.extend([] if known else [joint])
-    return places, missing
+    own = joint_maps.JointMap("own", {joint: (*mapped.get(joint, ()), joint) for joint in skeleton.joints}, None, None)
+    places = joint_maps.find(own, names, skeleton.joints, "the list of joints")
+    return list(places.values()), [joint for joint in skeleton.joints if joint not in places]
 
 
 def _lacks(path: pathlib.Path, names: tuple[str, ...], skeleton: str, missing: list[str]) -> UserError:

@@ -4,14 +4,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.limits import MAX_POSED_JOINTS, MAX_SOUND_SECONDS
+from ha2g_jax.limits import MAX_MOTION_FPS, MAX_POSED_JOINTS, MAX_SOUND_SECONDS, MIN_MOTION_FPS
 from ha2g_jax.motion.armature import export_axes
 from ha2g_jax.motion.lower_body import JOINTS, PARENTS, LowerBody
 from ha2g_jax.motion.rotations import unit
 from ha2g_jax.skeleton import Skeleton
 
 UPS = ("y", "-y", "z", "-z", "x", "-x")
-ARM_RANGE = (0.3, 1.0)  # metres from shoulder to wrist of a person
+ARM, ARM_RANGE = 0.55, (0.3, 1.0)  # metres from shoulder to wrist of an adult, and of any person
 MAX_MINUTES = 2 * MAX_SOUND_SECONDS / 60  # length of a motion: audio must have at least half the length of its motion
 
 _UP_VECTORS = {
@@ -36,6 +36,23 @@ def arm_length(positions: np.ndarray, skeleton: Skeleton, *sides: str) -> float:
     arms = [[skeleton.joint(f"{side}_{part}") for part in ("shoulder", "elbow", "wrist")] for side in sides]
     bones = np.linalg.norm(np.diff(positions[:, arms], axis=2), axis=-1)
     return float(np.median(bones.sum(axis=-1)))
+
+
+def check_arms(length: float, metres: float) -> None:
+    """Raise a UserError if arms of a length in units of so many metres are not those of a person."""
+    if not ARM_RANGE[0] <= length * metres <= ARM_RANGE[1]:
+        raise UserError(
+            f"it has arms {length:.4g} units long from shoulder to wrist, {length * metres:.4g} m for a unit of "
+            f"{metres:g} m; expected about {ARM} m: give the metres in one unit (--unit)"
+        )
+
+
+def check_stated(source_fps: float | None, unit: float | None) -> None:
+    """Raise a UserError if the frames per second or the metres in one unit that a user states are out of range."""
+    if source_fps is not None and not MIN_MOTION_FPS <= source_fps <= MAX_MOTION_FPS:
+        raise UserError(f"{source_fps:g} frames per second of the file; expected {MIN_MOTION_FPS} to {MAX_MOTION_FPS}")
+    if unit is not None and not 0 < unit < np.inf:
+        raise UserError(f"a unit of {unit:g} m; expected metres, such as 0.01 for centimetres")
 
 
 def check_size(num_joints: int, num_frames: int) -> None:

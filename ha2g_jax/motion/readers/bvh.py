@@ -17,7 +17,7 @@ _MAX_DIGITS = 30  # in a number of frames
 _MAX_NAME_WORDS = 8
 _CHANNELS = {f"{axis}{kind}": f"{axis.upper()}{kind}" for axis in "xyz" for kind in ("position", "rotation")}
 # Usual rates, whose frame times exporters round.
-_RATES = (24, 25, 30, 50, 60, 90, 100, 120, 200, 240, *(rate / 1.001 for rate in (24, 30, 60, 120)))
+USUAL_RATES = (10, 15, 20, 24, 25, 30, 50, 60, 90, 100, 120, 200, 240, *(rate / 1.001 for rate in (24, 30, 60, 120)))
 _MIN_DIGITS = 3  # decimals that a frame time needs to identify a usual rate
 _BLOCK = 1 << 20  # letters that are parsed at once
 _MAX_NUMBER = 1 << 16  # letters of a number
@@ -50,10 +50,11 @@ class Bvh(NamedTuple):
         return len(self.motion) / self.fps
 
 
-def read_bvh(path: str | os.PathLike) -> Bvh:
+def read_bvh(path: str | os.PathLike, fps: float | None = None) -> Bvh:
     """Read a BVH file of any exporter: any letter case, white space, order of rotations, positions on any joint.
 
-    Memory stays within a few times the size of the file, whatever its header declares.
+    Memory stays within a few times the size of the file, whatever its header declares. The frame rate is `fps`, or by
+    default the one of the file.
 
     Raises:
         UserError: the file is not BVH, is cut off, or has invalid values; the message names the line, or the frame and
@@ -63,14 +64,14 @@ def read_bvh(path: str | os.PathLike) -> Bvh:
     check_regular(path, _EXPECTED)
     # Names may be in any encoding; escaping keeps different names different.
     with reading(path, _EXPECTED), path.open(encoding="utf-8-sig", errors="backslashreplace") as file:
-        return _Reader(path, file).read()
+        return _Reader(path, file, fps).read()
 
 
 class _Reader:
     """Reader of one open file, word by word, which counts lines for error messages."""
 
-    def __init__(self, path: pathlib.Path, file: TextIO):
-        self._path, self._file = path, file
+    def __init__(self, path: pathlib.Path, file: TextIO, fps: float | None):
+        self._path, self._file, self._fps = path, file, fps
         self._line, self._num_letters, self._in_motion = 0, 0, False
         self._words: Iterator[str] = iter(())
         self._joints: dict[str, int] = {}  # name: parent
@@ -163,10 +164,12 @@ class _Reader:
             raise self._error(f"Frames: {short(count)}, expected a whole number from 1 to {limits.MAX_BVH_FRAMES:,}")
         text = self._value_of("FRAME", "TIME")
         frame_time = to_number(text)
+        if self._fps is not None:
+            return int(count), self._fps
         if frame_time is None or not 1 / limits.MAX_MOTION_FPS <= frame_time <= 1 / limits.MIN_MOTION_FPS:
             raise self._error(
                 f"Frame Time: {short(text)}, expected seconds, such as 0.0333333 for 30 frames a second, from "
-                f"{1 / limits.MAX_MOTION_FPS:g} to {1 / limits.MIN_MOTION_FPS:g}"
+                f"{1 / limits.MAX_MOTION_FPS:g} to {1 / limits.MIN_MOTION_FPS:g}, or the true rate by --source-fps"
             )
         return int(count), _frame_rate(text, frame_time)
 
@@ -203,7 +206,7 @@ def _frame_rate(text: str, frame_time: float) -> float:
     """Return the frames per second: a usual rate if the frame time equals that of the rate in all its digits."""
     mantissa, _, exponent = text.lower().lstrip("+").partition("e")
     digits = len(mantissa.partition(".")[2]) - int(exponent or 0)  # decimals
-    rate = min(_RATES, key=lambda rate: abs(1 / rate - frame_time))
+    rate = min(USUAL_RATES, key=lambda rate: abs(1 / rate - frame_time))
     is_plain = mantissa.replace(".", "").isdigit()
     is_cut = is_plain and digits >= _MIN_DIGITS and abs(1 / rate - frame_time) < 10.0**-digits
     return rate if is_cut else 1 / frame_time

@@ -3,7 +3,7 @@
 import os
 import pathlib
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -14,10 +14,11 @@ from ha2g_jax.motion.armature import export_axes
 from ha2g_jax.motion.lower_body import JOINTS as LOWER_JOINTS
 from ha2g_jax.motion.lower_body import LowerBody
 from ha2g_jax.motion.readers.body import (
-    ARM_RANGE,
+    ARM,
     MAX_MINUTES,
     add_face,
     arm_length,
+    check_arms,
     check_size,
     find_up,
     from_captured,
@@ -32,7 +33,6 @@ from ha2g_jax.skeleton import Skeleton
 
 _AXES = "XYZ"
 _UNITS = (0.001, 0.01, 0.0254, 1.0)  # millimetres, centimetres, inches, metres
-_ARM = 0.55  # metres from shoulder to wrist of an adult
 _FEET_FPS = 2.0
 
 
@@ -136,6 +136,22 @@ class BvhMotion(NamedTuple):
 
 
 def read_motion(
+    path: str | os.PathLike, skeleton: Skeleton, *, source_fps: float | None = None, **options: Any
+) -> BvhMotion:
+    """Read the motion of a BVH file as joints of a skeleton.
+
+    Args:
+        source_fps: frames per second of the file; None uses the rate stored in it.
+        options: options of `to_motion`.
+
+    Raises:
+        UserError: the file is not BVH, or its motion cannot be used.
+    """
+    return to_motion(read_bvh(path, source_fps), path, skeleton, **options)
+
+
+def to_motion(
+    bvh: Bvh,
     path: str | os.PathLike,
     skeleton: Skeleton,
     *,
@@ -144,9 +160,10 @@ def read_motion(
     unit: float | None = None,
     with_legs: bool = False,
 ) -> BvhMotion:
-    """Read the motion of a BVH file as joints of a skeleton.
+    """Convert the motion of a tree of joints, such as that of a BVH file, to joints of a skeleton.
 
     Args:
+        path: path of the file, for messages.
         fps: frames per second of the result; None keeps those of the file.
         joint_map: "auto", one of `joint_maps.MAPS` or the path of a JSON or YAML file.
         unit: metres in one unit of the file; None uses the unit of the joint map, or else that among millimetres,
@@ -154,11 +171,10 @@ def read_motion(
         with_legs: whether to read pelvis and legs, if the file has them.
 
     Raises:
-        UserError: the file is not BVH or longer than two hours, its joints do not fit the map, its arms do not have a
+        UserError: the motion is longer than two hours, its joints do not fit the map, its arms do not have a
             person's length, or its left and right are mirrored.
     """
     path = pathlib.Path(path)
-    bvh = read_bvh(path)
     if (minutes := bvh.seconds / 60) > MAX_MINUTES:
         raise UserError(
             f"{shown(path)} has {minutes:.0f} minutes of motion; expected at most {MAX_MINUTES:.0f}: cut the file"
@@ -220,10 +236,6 @@ def _lower(
 def _find_unit(positions: np.ndarray, skeleton: Skeleton, unit: float | None) -> float:
     """Return the metres in one unit, checked or found by the median length of the arms."""
     length = arm_length(positions, skeleton, "left", "right")
-    metres = unit or min(_UNITS, key=lambda metres: abs(np.log(max(length * metres, 1e-12) / _ARM)))
-    if not ARM_RANGE[0] <= length * metres <= ARM_RANGE[1]:
-        raise UserError(
-            f"it has arms {length:.4g} units long from shoulder to wrist, {length * metres:.4g} m for a unit of "
-            f"{metres:g} m; expected about {_ARM} m: give the metres in one unit (--unit)"
-        )
+    metres = unit or min(_UNITS, key=lambda metres: abs(np.log(max(length * metres, 1e-12) / ARM)))
+    check_arms(length, metres)
     return metres

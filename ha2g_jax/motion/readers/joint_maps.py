@@ -1,35 +1,37 @@
 """Maps from joints of the skeleton to joints of a motion capture file: built-in ones, and files in JSON or YAML.
 
 A map has an entry `JOINT: NAME` for each joint of the skeleton except those of the face, and one for `head`, the joint
-that the head rotates about. NAME may be a list; the first name that the file has is used. Namespaces such as
-`mixamorig:` and letter case are ignored. Three entries are optional: `unit`, metres in one unit of the file, `up`, the
-axis of the file that points up, and `comment`. A map without fingers is sufficient for TED-Gesture.
+that the head rotates about. NAME may be a list; the first name that the file has is used. Letter case and what stands
+before or behind the names of most joints, such as `mixamorig:` or `_jnt`, are ignored. Three entries are optional:
+`unit`, metres in one unit of the file, `up`, the axis of the file that points up, and `comment`. A map without fingers
+is sufficient for TED-Gesture. The rigs of `ha2g export` are maps as well.
 """
 
+import collections
 import importlib.resources
 import json
 import pathlib
-import re
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from ha2g_jax.errors import UserError, require
 from ha2g_jax.files.reading import check_regular, parse_json, read_bytes, reading, reason, shown
 from ha2g_jax.limits import MAX_JOINT_MAP_BYTES, MAX_JOINT_NAME
+from ha2g_jax.motion import rigs
 from ha2g_jax.motion.lower_body import JOINTS as LOWER_JOINTS
 from ha2g_jax.motion.lower_body import OPTIONAL
 from ha2g_jax.motion.readers.body import FACE, UPS
 from ha2g_jax.skeleton import Skeleton
 
 # The most demanding first, because "auto" takes the first that fits.
-MAPS = ("zeroeggs", "beat", "mixamo", "genea", "ha2g")
+_FILES = ("zeroeggs", "beat", "mixamo", "genea")
+MAPS = (*_FILES, *(rig for rig in rigs.RIGS if rig not in _FILES))
 AUTO = "auto"
 HEAD = "head"
 
 _EXPECTED = "a joint map in JSON or YAML"
 _MAX_DEPTH = 3  # a map has lists within its lines; one more, so that the message names the joint
 _MAX_SHOWN, _MAX_LISTED, _MAX_LISTED_LETTERS = 40, 8, 400
-_PREFIX = re.compile(r"mixamorig\d*_?", re.IGNORECASE)
 
 
 class JointMap(NamedTuple):
@@ -63,8 +65,8 @@ def choose_map(
     """
     candidates = [load_map(name) for name in (MAPS if joint_map == AUTO else (joint_map,))]
     wanted = [*(joint for joint in skeleton.joints if joint not in FACE), HEAD]
-    found = [(candidate, _find(candidate, joints, wanted, file)) for candidate in candidates]
-    best, places = max(found, key=lambda item: len(item[1]))
+    best = max(candidates, key=lambda candidate: len(_find(candidate, joints, wanted)))
+    places = find(best, joints, wanted, file)
     if missing := [joint for joint in wanted if joint not in places]:
         raise _lacks(file, joints, best, places, missing)
     owners: dict[int, str] = {}
@@ -84,7 +86,7 @@ def find_legs(joint_map: JointMap, joints: Sequence[str], file: str | pathlib.Pa
         The index in `joints` of each joint of `lower_body.JOINTS` that the file has; nothing if it lacks one that is
         not optional, or if two of them are the same.
     """
-    places = _find(joint_map, joints, LOWER_JOINTS, file)
+    places = find(joint_map, joints, LOWER_JOINTS, file)
     is_whole = all(joint in places for joint in LOWER_JOINTS if joint not in OPTIONAL)
     return places if is_whole and len(set(places.values())) == len(places) else {}
 
@@ -95,6 +97,8 @@ def load_map(name: str) -> JointMap:
     Raises:
         UserError: there is no such file, or it is not a joint map.
     """
+    if name in MAPS and name not in _FILES:
+        return _of_rig(rigs.load_rig(name))
     if name in MAPS:
         path = importlib.resources.files("ha2g_jax") / "assets" / "joint_maps" / f"{name}.json"
         return _to_map(json.loads(path.read_bytes()), name)
@@ -110,6 +114,14 @@ def load_map(name: str) -> JointMap:
     except (ValueError, ArithmeticError, RecursionError) as error:
         raise UserError(f"{shown(name)} is not {form} ({reason(error)}); expected a joint map") from error
     return _to_map(lines, shown(name))
+
+
+def _of_rig(rig: rigs.Rig) -> JointMap:
+    """Return the map of a rig, whose joints of the spine may be fewer in a file."""
+    names = {joint: (joint,) for joint in LOWER_JOINTS}
+    names |= {joint.place: (joint.name,) for joint in rig.joints if joint.place}
+    spine = tuple(joint.name for joint in reversed(rig.joints) if joint.carries == "spine")
+    return JointMap(rig.name, names | {"spine": spine, HEAD: (rig.names[HEAD],)}, None, None)
 
 
 def _to_map(lines: Any, name: str) -> JointMap:
@@ -173,33 +185,54 @@ def _names(value: Any, key: str, name: str) -> tuple[str, ...]:
     return tuple(str(item) for item in names)
 
 
-def _find(
-    joint_map: JointMap, joints: Sequence[str], wanted: Sequence[str], file: str | pathlib.Path
-) -> dict[str, int]:
-    """Return the index in the file of those wanted joints that it has."""
-    exact = {joint: index for index, joint in enumerate(joints)}
-    plain: dict[str, list[int]] = {}
-    for index, joint in enumerate(joints):
-        plain.setdefault(_plain(joint), []).append(index)
-    places: dict[str, int] = {}
-    for ours in wanted:
-        for name in joint_map.names.get(ours, ()):
-            alike = [exact[name]] if name in exact else plain.get(_plain(name), [])
-            if len(alike) > 1:
-                both = " and ".join(joints[index] for index in alike[:2])
-                raise UserError(
-                    f"{shown(file)} has {both}, and either may be {ours}; choose one in a joint map (--joint-map)"
-                )
-            if alike:
-                places[ours] = alike[0]
-                break
+def find(joint_map: JointMap, joints: Sequence[str], wanted: Sequence[str], file: str | pathlib.Path) -> dict[str, int]:
+    """Return the index in the file of those wanted joints that it has; two for one of them are a UserError."""
+    places = {}
+    for ours, alike in _find(joint_map, joints, wanted).items():
+        if len(alike) > 1:
+            both = " and ".join(joints[index] for index in alike[:2])
+            raise UserError(
+                f"{shown(file)} has {both}, and either may be {ours}; choose one in a joint map (--joint-map)"
+            )
+        places[ours] = alike[0]
     return places
 
 
-def _plain(name: str) -> str:
-    """Return a name without its namespace and without differences of letter case."""
-    start = max(name.rfind(":"), name.rfind("|")) + 1
-    return (name[start:] if start else _PREFIX.sub("", name, count=1)).casefold()
+def _find(joint_map: JointMap, joints: Sequence[str], wanted: Sequence[str]) -> dict[str, list[int]]:
+    """Return the indices of the joints of a file that may be the wanted ones, of those that it has."""
+    exact = {joint: index for index, joint in enumerate(joints)}
+    affixes = _affixes(joint_map, joints)
+    plain: dict[str, list[int]] = {}
+    for index, joint in enumerate(joints):
+        plain.setdefault(_plain(joint, affixes), []).append(index)
+    found: dict[str, list[int]] = {}
+    for ours in wanted:
+        for name in joint_map.names.get(ours, ()):
+            alike = [exact[name]] if name in exact else plain.get(name.casefold(), [])
+            if alike:
+                found.setdefault(ours, alike)
+    return found
+
+
+def _affixes(joint_map: JointMap, joints: Sequence[str]) -> list[tuple[str, str]]:
+    """Return what stands before and behind the names of the map in the joints of a file.
+
+    These are the most frequent pair and those that are more than half as frequent, as of a second person in the file.
+    """
+    names = {name.casefold() for several in joint_map.names.values() for name in several}
+    counts: collections.Counter[tuple[str, str]] = collections.Counter()
+    for joint in map(str.casefold, joints):
+        counts.update(joint.partition(name)[::2] for name in names if name in joint)
+    return [affix for affix, count in counts.most_common() if 2 * count > max(counts.values())]
+
+
+def _plain(joint: str, affixes: Sequence[tuple[str, str]]) -> str:
+    """Return the name of a joint without the first of the affixes that it has, in lower case."""
+    name = joint.casefold()
+    for before, behind in affixes:
+        if name.startswith(before) and name.endswith(behind) and len(name) > len(before) + len(behind):
+            return name[len(before) : len(name) - len(behind)]
+    return name
 
 
 def _lacks(

@@ -11,6 +11,7 @@ from ha2g_jax.features import words as transcripts
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.features.text import Word
 from ha2g_jax.files.reading import reading, shown
+from ha2g_jax.motion.readers.bvh import USUAL_RATES
 from ha2g_jax.motion.readers.smplx_arrays import EMBODY_BODY
 
 # In order of preference, if several files lie beside a motion file.
@@ -21,6 +22,8 @@ AUDIO_SUFFIXES = (
 
 _EMBODY_AUDIO = "separated_audio"
 _MAX_DIFFERENCE = 0.5  # seconds between the ends of motion and audio without a warning
+_MAX_ERROR = 0.015  # of the length at another frame rate, as a fraction of the length of the sound
+_MULTIPLES = range(2, 11)
 _MIN_FRACTION = 0.5  # minimum length of the shorter of motion and audio, as a fraction of the longer one
 
 
@@ -137,8 +140,8 @@ def read_speech(recording: MotionRecording, *, with_words: bool) -> tuple[np.nda
     return audio, transcripts.words_of(audio, transcript, recognise=None, media=path)
 
 
-def compare_lengths(recording: MotionRecording, motion: float, audio: np.ndarray) -> str | None:
-    """Compare the lengths of a motion in seconds and of audio at 16 kHz, of which the longer one will be cut.
+def compare_lengths(recording: MotionRecording, motion: float, fps: float, audio: np.ndarray) -> str | None:
+    """Compare the lengths of a motion in seconds, at a frame rate, and of audio at 16 kHz; the longer one will be cut.
 
     Returns:
         A warning if the lengths differ by more than half a second, else None.
@@ -148,9 +151,30 @@ def compare_lengths(recording: MotionRecording, motion: float, audio: np.ndarray
     """
     sound = len(audio) / SAMPLE_RATE
     lengths = f"{shown(recording.path)} has {motion:.2f} s of motion and {sound:.2f} s of audio"
+    rate = other_rate(motion, fps, sound)
     if min(motion, sound) < _MIN_FRACTION * max(motion, sound):
-        raise UserError(f"{lengths}, which do not belong together; give the audio of this motion (--audio)")
-    return f"{lengths}; cut to the shorter" if abs(motion - sound) > _MAX_DIFFERENCE else None
+        raise UserError(f"{lengths}, which do not belong together{rate}; give the audio of this motion (--audio)")
+    return f"{lengths}; cut to the shorter{rate}" if abs(motion - sound) > _MAX_DIFFERENCE else None
+
+
+def other_rate(motion: float, fps: float, sound: float) -> str:
+    """Return the end of a message that names the frame rate at which a motion would be as long as its sound.
+
+    Args:
+        motion, sound: lengths in seconds, the former at `fps` frames per second.
+
+    Returns:
+        An empty text where there is no whole multiple or part of the rate, and no usual rate, that fits.
+    """
+    rates = {*USUAL_RATES, *(fps * number for number in _MULTIPLES), *(fps / number for number in _MULTIPLES)}
+    rate = min(rates, key=lambda rate: abs(motion * fps / rate - sound))
+    is_near = abs(motion * fps / rate - sound) <= min(_MAX_DIFFERENCE, _MAX_ERROR * sound)
+    if not is_near or abs(rate / fps - 1) < 2 * _MAX_ERROR:
+        return ""
+    return (
+        f": the lengths are as {motion / sound:.3g} to 1, so that {rate:.5g} frames per second may be right in place "
+        f"of {fps:.5g} (--source-fps {rate:.5g})"
+    )
 
 
 def _find_audio(path: pathlib.Path) -> pathlib.Path | None:

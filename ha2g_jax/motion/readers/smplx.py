@@ -14,10 +14,10 @@ from ha2g_jax.motion.armature import export_axes
 from ha2g_jax.motion.lower_body import JOINTS as LOWER_JOINTS
 from ha2g_jax.motion.lower_body import LowerBody
 from ha2g_jax.motion.readers.body import (
-    ARM_RANGE,
     MAX_MINUTES,
     add_face,
     arm_length,
+    check_arms,
     check_size,
     find_up,
     from_rest_pose,
@@ -66,6 +66,7 @@ def read_smplx(
     *,
     fps: float | None,
     source_fps: float | None = None,
+    unit: float | None = None,
     up: str = AUTO,
 ) -> SmplxMotion:
     """Read the SMPL-X motion of a file as joints of a skeleton; `smplx_arrays` lists the layouts.
@@ -80,6 +81,7 @@ def read_smplx(
         body: body to which poses are applied, the template or that of a model file.
         fps: frames per second of the result; None keeps those of the file.
         source_fps: frames per second of the file; None uses the rate stored in it as `mocap_frame_rate` or `fps`.
+        unit: metres in one unit of positions and translations; None stands for metres.
         up: axis of the file that points up, one of `body.UPS`; "auto" takes the one nearest to the mean spine.
 
     Raises:
@@ -95,7 +97,7 @@ def read_smplx(
     else:
         arrays = read_npz(path, max_bytes=_MAX_BYTES, names=NAMES)
     with naming(path):
-        return to_motion(to_arrays(arrays, source_fps), skeleton, body, fps=fps, up=up)
+        return to_motion(to_arrays(arrays, source_fps, unit), skeleton, body, fps=fps, up=up)
 
 
 def to_motion(arrays: SmplxArrays, skeleton: Skeleton, body: Body, *, fps: float | None, up: str = AUTO) -> SmplxMotion:
@@ -131,9 +133,7 @@ def to_motion(arrays: SmplxArrays, skeleton: Skeleton, body: Body, *, fps: float
     else:
         kind, lower = f"positions of {frames.shape[1]} joints", None
         positions, up = _from_positions(_between(frames, moments), skeleton, up)
-    length = arm_length(positions, skeleton, "left")
-    if not ARM_RANGE[0] <= length <= ARM_RANGE[1]:
-        raise UserError(f"the left arm is {length:.4g} long from shoulder to wrist; expected metres, about 0.55")
+    check_arms(arm_length(positions, skeleton, "left"), 1.0)
     positions = to_skeleton_axes(positions, skeleton, up=up).astype(np.float32)
     before, after, _ = _neighbours(moments, len(frames))
     is_good = arrays.is_good[before] & arrays.is_good[after]

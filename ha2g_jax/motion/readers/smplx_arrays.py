@@ -150,11 +150,13 @@ def has_poses(arrays: Mapping[str, object]) -> bool:
     return POSES in arrays or all(not names.isdisjoint(part) for part in parts)
 
 
-def to_arrays(arrays: Mapping[str, np.ndarray], source_fps: float | None = None) -> SmplxArrays:
+def to_arrays(
+    arrays: Mapping[str, np.ndarray], source_fps: float | None = None, unit: float | None = None
+) -> SmplxArrays:
     """Check the arrays of a file, see `NAMES`, and bring them to one form.
 
     Frames that are marked as bad hold the nearest good one, so that neither the axes nor the checks depend on them. The
-    frame rate is `source_fps`, or by default the one of the file.
+    frame rate is `source_fps`, or by default the one of the file; `unit` is metres in one unit of places, 1 by default.
 
     Raises:
         UserError: there are no poses and no positions, or wrong shapes, invalid values or no frame rate.
@@ -166,12 +168,12 @@ def to_arrays(arrays: Mapping[str, np.ndarray], source_fps: float | None = None)
         name = next((name for name in POSITIONS if name in arrays), "")
         if not name:
             raise UserError(f"no array {POSES} or {POSITIONS[0]} in it; expected poses or joint positions of SMPL-X")
-        frames = _positions(arrays[name], name)
+        frames = _positions(arrays[name], name) * (unit or 1.0)
     count = len(frames)
     return SmplxArrays(
         frames=frames,
         are_poses=has_poses(arrays),
-        trans=_trans(arrays, count, name),
+        trans=_trans(arrays, count, name) * (unit or 1.0),
         betas=read_shape(arrays),
         fps=source_fps or _rate(arrays),
         face=_face(arrays, count, name),

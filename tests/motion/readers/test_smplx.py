@@ -145,7 +145,10 @@ BAD = {
     "endless": ({"joints": np.zeros((400_001, 55, 3), np.float16)}, "has 400001 frames"),
     "rate of 0": ({"poses": _poses(4), "mocap_frame_rate": 0}, "mocap_frame_rate is '0'"),
     "trans of other length": ({"poses": _poses(4), "trans": np.zeros((3, 3))}, r"trans has shape \(3, 3\)"),
-    "millimetres": ({"joints": np.tile(BODY.points[:55] * 1000, (3, 1, 1))}, "metres, about 0.55"),
+    "millimetres": (
+        {"joints": np.tile(BODY.points[:55] * 1000, (3, 1, 1))},
+        r"the metres in one unit \(--unit\)",
+    ),
     "objects": ({"poses": np.array([None, 1])}, "Python objects"),
 }
 
