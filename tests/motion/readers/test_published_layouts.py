@@ -17,6 +17,7 @@ from ha2g_jax.skeleton import load_skeleton
 SECONDS = 12
 FRAMES = 30 * SECONDS
 BAD = slice(150, 180)  # frames that were not tracked: the sixth second
+GOOD = 1 - np.isin(np.arange(FRAMES), range(BAD.start, BAD.stop))[:, None].astype(np.float32)
 SEAMLESS = "V00_S0809_I00000582_P0947"
 CAPTURE = "c--20250108--1300--DXG448--BWW760--pilot--MotionPrior--ACTING_Adult_Birthday_--103301-103661"
 
@@ -43,45 +44,41 @@ def expected(poses, tmp_path_factory):
     return read_smplx(path, load_skeleton("ted_expressive"), template(), fps=15).positions
 
 
-def _good():
-    good = np.ones((FRAMES, 1), np.float32)
-    good[BAD] = 0
-    return good
-
-
 def _sound(path):
     path.parent.mkdir(parents=True, exist_ok=True)
     soundfile.write(path, 0.1 * np.random.default_rng(0).standard_normal(16000 * SECONDS), 16000)
 
 
-def _segments():
-    words = [{"word": "hands", "start": n + 0.1, "end": n + 0.6, "score": 0.9} for n in range(SECONDS)]
-    return [{"start": 0.1, "end": SECONDS - 0.4, "transcript": "hands " * SECONDS, "words": words}]
-
-
-def write_seamless(folder, poses, name=SEAMLESS):
-    """Write a person whom a camera saw: y down, centimetres."""
-    _sound(folder / f"{name}.wav")
+@pytest.fixture
+def seamless(poses, tmp_path):
+    """A folder of Seamless Interaction with a person whom a camera saw: y down, centimetres."""
+    folder = tmp_path / "seamless" / "improvised" / "dev" / "0000" / "0005"
+    _sound(folder / f"{SEAMLESS}.wav")
     turned = poses.copy()
     turned[:, 0] = (Rotation.from_rotvec([np.pi, 0, 0]) * Rotation.from_rotvec(poses[:, 0])).as_rotvec()
     np.savez(
-        folder / f"{name}.npz",
+        folder / f"{SEAMLESS}.npz",
         **{
             "smplh:global_orient": turned[:, 0].astype(np.float32),
             "smplh:body_pose": turned[:, 1:22].astype(np.float32),
             "smplh:left_hand_pose": turned[:, 25:40].astype(np.float32),
             "smplh:right_hand_pose": turned[:, 40:].astype(np.float32),
             "smplh:translation": np.linspace([0, 30, 200], [10, 30, 200], FRAMES).astype(np.float32),
-            "smplh:is_valid": _good()[:, 0].astype(bool),
+            "smplh:is_valid": GOOD[:, 0].astype(bool),
             "movement:emotion_arousal": np.zeros((FRAMES, 1)),
         },
     )
-    content = {"id": name, "metadata:transcript": _segments(), "metadata:vad": [{"start": 0.1, "end": 11}]}
-    (folder / f"{name}.json").write_text(json.dumps(content))
+    words = [{"word": "hands", "start": n + 0.1, "end": n + 0.6, "score": 0.9} for n in range(SECONDS)]
+    segment = {"start": 0.1, "end": SECONDS - 0.4, "transcript": "hands " * SECONDS, "words": words}
+    content = {"id": SEAMLESS, "metadata:transcript": [segment], "metadata:vad": [{"start": 0.1, "end": 11}]}
+    (folder / f"{SEAMLESS}.json").write_text(json.dumps(content))
+    return tmp_path / "seamless"
 
 
-def write_embody(section, poses, people=("BWW760", "DXG448"), silent=("DXG448",)):
-    """Write a capture of some people, of whom some have no audio."""
+@pytest.fixture
+def embody(poses, tmp_path):
+    """A folder of Embody 3D with a capture of two people, of whom the second has no audio."""
+    section = tmp_path / "datasets" / "acting"
     arrays = {
         "body_pose": poses[:, 1:22].reshape(FRAMES, -1),
         "global_orient": poses[:, 0],
@@ -90,27 +87,13 @@ def write_embody(section, poses, people=("BWW760", "DXG448"), silent=("DXG448",)
         "transl": np.linspace([0, 0, 0], [0.1, 0, 0], FRAMES),
         "betas": np.zeros((FRAMES, 300)),
     }
-    for person in people:
+    for person in ("BWW760", "DXG448"):
         folder = section / CAPTURE / person
-        for name, array in [*((f"smplx_mesh_{name}", array) for name, array in arrays.items()), ("missing", _good())]:
+        for name, array in [*((f"smplx_mesh_{name}", array) for name, array in arrays.items()), ("missing", GOOD)]:
             (folder / name).mkdir(parents=True)
             np.save(folder / name / f"{CAPTURE}.npy", array)
-        if person not in silent:
-            _sound(folder / "separated_audio" / f"{CAPTURE}.wav")
+    _sound(section / CAPTURE / "BWW760" / "separated_audio" / f"{CAPTURE}.wav")
     (section / "dataset.json").write_text("{}")
-
-
-@pytest.fixture
-def seamless(poses, tmp_path):
-    """A folder of Seamless Interaction."""
-    write_seamless(tmp_path / "seamless" / "improvised" / "dev" / "0000" / "0005", poses)
-    return tmp_path / "seamless"
-
-
-@pytest.fixture
-def embody(poses, tmp_path):
-    """A folder of Embody 3D."""
-    write_embody(tmp_path / "datasets" / "acting", poses)
     return tmp_path / "datasets"
 
 
