@@ -13,6 +13,7 @@ import pytest
 import soundfile
 from fixtures.motions import swaying
 from fixtures.transcripts import LONG_GRID, TEXTS, TREES, check_words
+from fixtures.web_inputs import wav_header
 from fuzz import recordings
 from fuzz.mutation import FUZZ, damaged_file
 from hypothesis import given
@@ -200,13 +201,9 @@ def test_a_damaged_file(answered, capfd, kind, data):
     assert capfd.readouterr() == ("", "")
 
 
-def wav(data: bytes, *, channels: int = 1, rate: int = 16_000, size: int | None = None) -> bytes:
+def wav(data: bytes, **stated: int) -> bytes:
     """Return a WAV of 16 bits whose header says anything."""
-    block = 2 * channels
-    form = struct.pack("<HHIIHH", 1, channels, rate, rate * block % 2**32, block % 2**16, 16)
-    head = b"WAVEfmt " + struct.pack("<I", len(form)) + form + b"data"
-    size = len(data) if size is None else size
-    return b"RIFF" + struct.pack("<I", (len(head) + len(data) + 4) % 2**32) + head + struct.pack("<I", size) + data
+    return wav_header(**({"size": len(data)} | stated)) + data
 
 
 def rf64(num_bytes: int) -> bytes:

@@ -183,14 +183,6 @@ def test_longer_than_any_sound(tmp_path):
         read_motion(path, EXPRESSIVE, fps=15)
 
 
-def test_no_window_is_left(recording, tmp_path):
-    """The message says where from and why, not only that there is nothing to write."""
-    path = recording(tmp_path / "in", "talk", seconds=1.0)
-    with pytest.raises(UserError, match=r"talk\.bvh has no usable window \(left out: too short 1\)"):
-        import_bvh(path, tmp_path / "out")
-    assert [folder.name for folder in tmp_path.iterdir()] == ["in"]
-
-
 @pytest.fixture(scope="module", params=[EXPRESSIVE, GESTURE], ids=lambda skeleton: skeleton.name)
 def real(request, private_data, tmp_path_factory):
     """The clips of a real recording, and the skeleton they were imported with."""

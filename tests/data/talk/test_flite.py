@@ -8,7 +8,6 @@ import pytest
 
 from ha2g_jax.data.talk import build, flite, grammar
 from ha2g_jax.data.talk.flite import FLITE_VOICES, FliteVoice, sample_flite_voice
-from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 
 VOICE = FliteVoice("slt", 1.0, 1.0, 1.0)
@@ -110,14 +109,3 @@ def test_workers_do_not_change_the_bytes(tmp_path):
         build.make_talk(tmp_path / name, speakers=2, minutes=2, workers=workers, synthesiser="flite")
     for path in sorted((tmp_path / "a").iterdir()):
         assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes(), path.name
-
-
-def test_missing_library_is_one_line(monkeypatch, tmp_path):
-    def missing(name):
-        raise OSError(f"{name}: cannot open shared object file")
-
-    flite._library.cache_clear()
-    monkeypatch.setattr(flite.ctypes, "CDLL", missing)
-    with pytest.raises(UserError, match=r"Flite is not installed \(.*`apt install libflite1`"):
-        build.make_talk(tmp_path / "corpus", speakers=2, minutes=2, synthesiser="flite")
-    assert not (tmp_path / "corpus").exists()

@@ -234,14 +234,6 @@ def refused(src: pathlib.Path, tmp_path: pathlib.Path, message: str) -> None:
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_folders_without_data_are_refused(dataset: pathlib.Path, tmp_path: pathlib.Path):
-    refused(tmp_path / "nowhere", tmp_path, r"nowhere has neither data.mdb nor folders train, val, test or lmdb_train")
-    (dataset / "lmdb_test").mkdir()
-    refused(dataset, tmp_path, r"lmdb_test has no data\.mdb")
-    (dataset / "train").mkdir()
-    refused(dataset, tmp_path, "has both train and lmdb_train")
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
