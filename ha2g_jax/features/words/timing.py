@@ -1,6 +1,7 @@
 """Words of a text and their times: spelling, division of stretches by letters, gaps, overlaps, checks of times."""
 
 import itertools
+import math
 import pathlib
 import re
 import unicodedata
@@ -16,9 +17,12 @@ MAX_SECONDS = 360_000.0  # a hundred hours
 # Minimum time of a letter; nobody speaks faster.
 _MIN_LETTER_SECONDS = 0.03
 _MIN_WORD_SECONDS = 1e-3
+_WORD_SECONDS, _LETTER_SECONDS = 0.3, 0.1
 
 _APOSTROPHES = str.maketrans(dict.fromkeys("’‘ʼ＇`", "'"))
 _THOUSANDS = re.compile(r"(?<=[0-9]),(?=[0-9]{3}(?![0-9]))")
+# Soft hyphens, marks of direction and of byte order.
+_UNSEEN = re.compile("[\u00ad\u200e\u200f\u202a-\u202e\u2060\u2066-\u2069\ufeff]")
 _NOT_OF_WORDS = re.compile(r"[^a-z0-9']")
 # Characters that join letters of Persian and Indian scripts within a word.
 _JOINERS = "\u200c\u200d"
@@ -26,11 +30,14 @@ _MANY = 100  # marks on one letter
 
 
 class Stretch(NamedTuple):
-    """A text of one or more words, and the time at which it is spoken in seconds, None if the file has no time."""
+    """A text of one or more words, the time at which it is spoken in seconds, None if the file has no time, and who
+    speaks, empty if the file does not say.
+    """
 
     text: str
     start: float | None
     end: float | None
+    speaker: str = ""
 
 
 def spread(texts: Sequence[str], start: float, end: float) -> list[Word]:
@@ -40,6 +47,35 @@ def spread(texts: Sequence[str], start: float, end: float) -> list[Word]:
     letters = list(itertools.accumulate(map(num_letters, texts), initial=0))
     edges = [start + (end - start) * count / letters[-1] for count in letters]
     return [Word(text, first, last) for text, first, last in zip(texts, edges[:-1], edges[1:], strict=True)]
+
+
+def with_ends(stretches: Sequence[Stretch], end: float | None = None) -> list[Stretch]:
+    """Close stretches with one time: a missing end is the next start, a missing start is the end before or 0.
+
+    After the last start a stretch lasts as long as slow speech, 0.3 s a word and 0.1 s a letter, at most up to `end`;
+    if that is None, it stays open.
+    """
+    result: list[Stretch] = []
+    following = None
+    for one in reversed(stretches):
+        if one.start is not None and one.end is None:
+            if following is not None and following >= one.start:
+                one = one._replace(end=following)
+            elif end is not None:
+                one = one._replace(end=max(one.start, min(one.start + longest(one.text), end)))
+        following = following if one.start is None else one.start
+        result.append(one)
+    before = 0.0
+    for index, one in enumerate(reversed(result)):
+        if one.start is None and one.end is not None:
+            result[~index] = one._replace(start=min(before, one.end))
+        before = before if one.end is None else one.end
+    return result[::-1]
+
+
+def longest(text: str) -> float:
+    """Return the time that a text takes in slow speech, in seconds."""
+    return sum(_WORD_SECONDS + _LETTER_SECONDS * num_letters(word) for word in split_words(text))
 
 
 def fill_gaps(
@@ -55,10 +91,10 @@ def fill_gaps(
         slack: seconds by which the neighbours' times may be wrong; infinite for words that surely were spoken.
 
     Returns:
-        The stretches that have times, in order.
+        The stretches that have times, in order; the last may have a start alone.
     """
     result: list[Stretch] = []
-    runs = [list(run) for _, run in itertools.groupby(stretches, _is_timed)]
+    runs = [list(run) for _, run in itertools.groupby(with_ends(stretches, end), _is_timed)]
     for index, run in enumerate(runs):
         if _is_timed(run[0]):
             result += run
@@ -69,19 +105,20 @@ def fill_gaps(
             continue
         words = [word for stretch in run for word in split_words(stretch.text)]
         if after - before + slack >= _MIN_LETTER_SECONDS * sum(map(num_letters, words)):
-            result += [Stretch(*word) for word in spread(words, before, max(before, after))]
+            result += [Stretch(*word, run[0].speaker) for word in spread(words, before, max(before, after))]
     return result
 
 
 def _is_timed(stretch: Stretch) -> bool:
-    return stretch.start is not None and stretch.end is not None
+    return stretch.start is not None
 
 
-def to_words(stretches: Iterable[Stretch], path: pathlib.Path) -> tuple[Word, ...]:
+def to_words(stretches: Sequence[Stretch], path: pathlib.Path, duration: float = math.inf) -> tuple[Word, ...]:
     """Convert the stretches of a file at `path`, in any order, to words in order of time that do not overlap.
 
-    A stretch is divided among its words by letters. Times before 0 are cut off. A word ends at the latest where the
-    next one starts. Words that start at the same time, such as words of no length, divide the time up to the next one.
+    Missing ends are those of `with_ends` for a sound of `duration` seconds. A stretch is divided among its words by
+    letters. Times before 0 are cut off. A word ends at the latest where the next one starts. Words that start at the
+    same time, such as words of no length, divide the time up to the next one.
 
     Returns:
         Words with 0 <= start < end in seconds, each at least 1 ms long; stretches without times are left out.
@@ -91,7 +128,7 @@ def to_words(stretches: Iterable[Stretch], path: pathlib.Path) -> tuple[Word, ..
             words.
     """
     words: list[Word] = []
-    for text, start, end in stretches:
+    for text, start, end, _ in with_ends(stretches, duration):
         if start is None or end is None:
             continue
         # Written so that NaN fails.
@@ -147,7 +184,8 @@ def split_words(text: str) -> list[str]:
     """
     if len(text) > _MANY and not text.isascii():
         text = _with_few_marks(text)
-    text = _THOUSANDS.sub("", unicodedata.normalize("NFC", text).lower().translate(_APOSTROPHES))
+    text = unicodedata.normalize("NFC", _UNSEEN.sub("", text)).lower().translate(_APOSTROPHES)
+    text = _THOUSANDS.sub("", text)
     if text.isascii():
         text = _NOT_OF_WORDS.sub(" ", text)
     else:

@@ -3,7 +3,7 @@
 import pytest
 
 from ha2g_jax.features import words as transcripts
-from ha2g_jax.features.words import parsers
+from ha2g_jax.features.words import subtitles
 
 # YouTube puts lines of one blank, here ~, into its cues: they do not end them.
 YOUTUBE = """WEBVTT
@@ -86,7 +86,7 @@ def test_underlining_alone_is_style(tmp_path):
     ],
 )
 def test_labels_and_sounds_are_not_spoken(raw, spoken):
-    assert parsers.split_words(parsers._spoken(raw)) == parsers.split_words(spoken)
+    assert subtitles.split_words(subtitles._spoken(raw, set())) == subtitles.split_words(spoken)
 
 
 def test_quadratic_time_is_out_of_reach(tmp_path):

@@ -1,0 +1,324 @@
+"""Words in tables and in JSON: columns and keys are known by their names, whichever program wrote them."""
+
+import csv
+import functools
+import json
+import math
+import pathlib
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.features.words.subtitles import without_brackets
+from ha2g_jax.features.words.textgrid import Tier
+from ha2g_jax.features.words.timing import Stretch, fill_gaps, num_letters, with_ends
+from ha2g_jax.files.reading import parse_json, reason, shown
+
+# What a column or a key is for, by its name without the unit, the best name first.
+_ROLES = {
+    "start": "start, start time, begin, begin time, onset, xmin, tmin, from, time start, time, timestamp, ts, "
+    "t start, in",
+    "end": "end, end time, stop, stop time, xmax, tmax, to, time end, end ts, finish, out",
+    "offset": "offset",  # the end beside a start, the start beside a duration
+    "duration": "duration, dur, length, d duration",
+    "text": "word, text, punctuated word, token, label, transcript, transcription, content, value, utterance, "
+    "sentence, annotation, subtitle",
+    "speaker": "speaker, speaker id, speaker name, speaker label, speaker tag, participant, voice",
+    "tier": "tier, tier name, type",
+}
+_RANKS = {name.strip(): (role, rank) for role, names in _ROLES.items() for rank, name in enumerate(names.split(","))}
+_SECONDS = {
+    1.0: "s, sec, secs, second, seconds, ss msec, hh mm ss ms, hh mm ss, mm ss",
+    1e-3: "ms, msec, msecs, millis, millisecond, milliseconds",
+    1e-6: "us, µs, microseconds",
+    1e-7: "ticks",
+    1e-9: "ns, nanoseconds",
+    60.0: "min, minutes",
+}
+_UNITS = {name.strip(): seconds for seconds, names in _SECONDS.items() for name in names.split(",")}
+_NAME_PART = re.compile(r"[A-Z]?[a-zµ]+|[A-Z]+(?![a-z])|[0-9]+")
+_MAX_ROW = 1 << 16
+# Speech has 5 to 25 letters a second; in milliseconds it seems to have a thousandth of that.
+_LEAST_LETTERS = 0.05
+
+
+class _Dialect(NamedTuple):
+    """Where a program writes words or segments, and where their values are if they lie deeper.
+
+    The parts of a path are keys; a number takes one item of a list, a key is looked up in each of its items.
+    """
+
+    programs: str
+    path: str
+    deeper: Mapping[str, str] = {}
+
+
+_DIALECTS = (
+    _Dialect("Whisper, whisperX, OpenAI", "segments"),
+    _Dialect("Gentle, AssemblyAI, ElevenLabs", "words"),
+    _Dialect("whisperX", "word_segments"),
+    _Dialect("Seamless Interaction", "metadata:transcript"),
+    _Dialect("whisper.cpp", "transcription", {"start ms": "offsets.from", "end ms": "offsets.to"}),
+    _Dialect("transformers", "chunks", {"start": "timestamp.0", "end": "timestamp.1"}),
+    _Dialect("Vosk", "result"),
+    _Dialect("Vosk", "monologues.terms"),
+    _Dialect("Rev", "monologues.elements"),
+    _Dialect("Deepgram", "results.channels.alternatives.0.words"),
+    _Dialect("AWS Transcribe", "results.items", {"text": "alternatives.0.content"}),
+    _Dialect("Google", "results.alternatives.0.words", {"start": "startOffset", "end": "endOffset"}),
+    _Dialect("Google", "response.results.alternatives.0.words"),
+    _Dialect("Speechmatics", "results", {"text": "alternatives.0.content"}),
+    _Dialect("Azure", "phrases"),
+    _Dialect("Azure", "recognizedPhrases.nBest.0.words"),
+    _Dialect("Azure", "NBest.0.Words", {"start ticks": "Offset", "duration ticks": "Duration"}),
+    _Dialect("YouTube", "events", {"text": "segs.utf8"}),
+    _Dialect("a list of words or segments", ""),
+)
+PROGRAMS = ", ".join(dict.fromkeys(["Montreal Forced Aligner", *(dialect.programs for dialect in _DIALECTS)]))
+
+
+@functools.lru_cache(1024)
+def _columns(names: Sequence[str]) -> dict[str, tuple[int, float | None]]:
+    """Return the places of the roles among names such as `startMs` or `start (ms)`, and their units in seconds."""
+    found = []
+    for place, name in enumerate(names):
+        parts = [part.lower() for part in _NAME_PART.findall(name)]
+        unit = None
+        for count in range(min(4, len(parts) - 1), 0, -1):
+            if (unit := _UNITS.get(" ".join(parts[-count:]))) is not None:
+                parts = parts[:-count]
+                break
+        if unit is not None and len(parts) > 1 and parts[-1] == "in":
+            del parts[-1]
+        if role := _RANKS.get(" ".join(parts)):
+            found.append((role[1], unit is None, place, role[0], unit))
+    columns: dict[str, tuple[int, float | None]] = {}
+    for _, _, place, role, unit in sorted(found):
+        columns.setdefault(role, (place, unit))
+    if "offset" in columns and not ("start" in columns and "duration" in columns):
+        columns.setdefault("end" if "start" in columns else "start", columns["offset"])
+    return columns
+
+
+def _time(value: object, unit: float | None) -> float | None:
+    """Return a time in seconds: a number in its unit, or a text such as 1.5, 1,5, 1.5s or 0:01.5; None if empty."""
+    if value is None or value == "":
+        return None
+    if isinstance(value, bool) or not isinstance(value, str | int | float):
+        raise TypeError(f"the time {str(value)[:40]!r} is not a number")
+    if not isinstance(value, str):
+        return float(value) * (unit or 1.0)
+    *larger, last = value.strip().replace(",", ".").removesuffix("s").split(":")
+    if len(larger) > 2:
+        raise ValueError(f"the time {value[:40]!r} is not hours:minutes:seconds")
+    seconds = float(last) if larger else float(last) * (unit or 1.0)
+    return sum((60.0**power * float(part) for power, part in enumerate(reversed(larger), start=1)), start=seconds)
+
+
+def _stretch(values: Sequence[Any], columns: Mapping[str, tuple[int, float | None]]) -> Stretch:
+    cells = {role: values[place] for role, (place, _) in columns.items()}
+    times = {role: _time(cells.get(role), columns[role][1]) for role in ("start", "end", "duration") if role in columns}
+    start, end, duration = times.get("start"), times.get("end"), times.get("duration")
+    if end is None and start is not None and duration is not None:
+        end = start + duration
+    speaker = cells.get("speaker")
+    return Stretch(_text(cells.get("text", "")), start, end, "" if speaker is None else _text(speaker).strip())
+
+
+def _in_seconds(stretches: Sequence[Stretch]) -> list[Stretch]:
+    """Convert times that can only be milliseconds: whole numbers at which speech is far too slow."""
+    closed = [one for one in with_ends(stretches) if one.start is not None and one.end is not None]
+    times = [time for one in closed for time in (one.start, one.end) if time is not None]
+    lasting = sum(end - start for start, end in zip(times[::2], times[1::2], strict=True))
+    letters = sum(num_letters(one.text) for one in closed)
+    if not (letters < _LEAST_LETTERS * lasting and all(time.is_integer() for time in times)):
+        return [*stretches]
+    scaled = [[time if time is None else time / 1000 for time in (one.start, one.end)] for one in stretches]
+    return [one._replace(start=start, end=end) for one, (start, end) in zip(stretches, scaled, strict=True)]
+
+
+def is_table(text: str) -> bool:
+    """Return whether each line has two times and a text, as in label tracks of Audacity, or a first line names them."""
+    lines = [line for line in text.split("\n") if line.strip() and not line.startswith("\\")]
+    separator = _separator(lines[0]) if lines else ""
+    if not separator or len(lines[0]) > _MAX_ROW:
+        return False
+    names = _columns(tuple(lines[0].split(separator)))
+    if {"start", "text"} <= names.keys() and ("end" in names or "duration" in names):
+        return True
+    rows = (line.split(separator, 2) for line in lines)
+    return all(len(row) == 3 and _is_number(row[0]) and _is_number(row[1]) for row in rows)
+
+
+def parse_table(text: str, path: pathlib.Path) -> list[Tier]:
+    """Parse a table of words or lines of a file at `path`, separated by tabs, semicolons or commas.
+
+    The first line names the columns, in any order: start (or begin, time ...), end or duration, word (or text, label
+    ...), and perhaps speaker and tier. A unit may stand in the name, as in `start_ms` and `start (ms)`; without one,
+    times are seconds, or milliseconds if they are whole numbers at which speech would be far too slow. Without names
+    the columns are start, end, word.
+
+    Raises:
+        UserError: a column is missing, or a row is damaged.
+    """
+    rows, name = _rows(text, path), shown(path)
+    number, header = next(rows, (0, None))
+    if header is None:
+        raise UserError(f"{name} has no rows; expected start, end and word in each")
+    columns = _columns(tuple(header))
+    found: list[tuple[int, list[str]]] = []
+    if not {"start", "text"} <= columns.keys():
+        columns = {"start": (0, None), "end": (1, None), "text": (2, None)}
+        if len(header) != 3 or not _is_number(header[0]):
+            raise UserError(f"{name} has the columns {', '.join(header)[:80]}; expected start, end and word")
+        found.append((number, header))
+    tiers: dict[str, list[Stretch]] = {}
+    for number, row in (*found, *rows):
+        try:
+            tier = row[columns["tier"][0]] if "tier" in columns else ""
+            tiers.setdefault(tier, []).append(_stretch(row, columns))
+        except IndexError as error:
+            expected = 1 + max(place for place, _ in columns.values())
+            raise UserError(
+                f"{name}, line {number}, has {len(row)} columns instead of {expected}; correct it"
+            ) from error
+        except ValueError as error:
+            problem = f"has a time that is not a number ({reason(error)[:80]})"
+            raise UserError(f"{name}, line {number}, {problem}; correct it") from error
+    if not _has_unit(columns):
+        return [Tier(tier, _in_seconds(stretches)) for tier, stretches in tiers.items()]
+    return [Tier(*tier) for tier in tiers.items()]
+
+
+def _has_unit(columns: Mapping[str, tuple[int, float | None]]) -> bool:
+    return any(unit is not None for _, unit in columns.values())
+
+
+def _separator(line: str) -> str:
+    first = line.split(";")[0]
+    is_semicolon = ";" in line and ("," not in first or _is_number(first))
+    return "\t" if "\t" in line else ";" if is_semicolon else "," if "," in line else ""
+
+
+def _rows(text: str, path: pathlib.Path) -> Iterator[tuple[int, list[str]]]:
+    """Yield the line number and the fields of each row, without the frequencies of Audacity's labels."""
+    lines = text.lstrip("\n").split("\n")
+    if max(map(len, lines)) > _MAX_ROW:
+        raise UserError(
+            f"{shown(path)} has a line of more than {_MAX_ROW} characters; expected start, end and word in each"
+        )
+    separator = _separator(lines[0]) or ","
+    # Tools that write tabs do not quote, and a transcript may have a single quotation mark.
+    style = {"quoting": csv.QUOTE_NONE} if separator == "\t" else {"strict": True}
+    reader = csv.reader(lines, delimiter=separator, **style)
+    try:
+        for row in reader:
+            if any(field.strip() for field in row) and row[0] != "\\":
+                yield reader.line_num, row
+    except csv.Error as error:
+        raise UserError(
+            f"{shown(path)}, line {reader.line_num}, is damaged ({error}); export the table again"
+        ) from error
+
+
+def _is_number(field: str) -> bool:
+    try:
+        return bool(field.strip()) and _time(field, None) is not None
+    except ValueError:
+        return False
+
+
+def parse_json_words(text: str, path: pathlib.Path) -> list[Tier]:
+    """Parse the words in JSON of any of `PROGRAMS`: a stretch per word, or per segment for segments without words.
+
+    Raises:
+        UserError: the text is not JSON of one of these programs.
+    """
+    try:
+        content = parse_json(text)
+        if isinstance(content, dict) and content.get("tiers"):
+            return [Tier(name, _read(entries, {})) for name, entries in _tiers(content["tiers"])]
+        # OpenAI's service returns segments without words, and a separate list of words.
+        dialects = sorted(
+            _DIALECTS, key=lambda one: one.path == "segments" and not _under(content, ["segments", "words"])
+        )
+        lists = ((_under(content, one.path.split(".") if one.path else []), one.deeper) for one in dialects)
+        for entries, deeper in lists:
+            stretches = _read(entries, deeper)
+            if any(one.start is not None for one in stretches):
+                return [Tier("", stretches)]
+    except json.JSONDecodeError as error:
+        raise UserError(f"{shown(path)} is damaged JSON ({error}); export the transcript again, whole") from error
+    except (ValueError, TypeError, AttributeError, KeyError, OverflowError) as error:
+        found = f"{type(error).__name__}: {reason(error)[:80]}"
+        raise UserError(f"{shown(path)} has damaged words in JSON ({found}); export the transcript again") from error
+    raise UserError(f"{shown(path)} is JSON without words that have times; expected that of {PROGRAMS}")
+
+
+def _tiers(tiers: Any) -> Iterator[tuple[str, list[Any]]]:
+    """Yield the names and entries [start, end, label] of tiers in JSON, as the Montreal aligner and praatio write."""
+    pairs = tiers.items() if isinstance(tiers, dict) else ((tier["name"], tier) for tier in tiers)
+    for name, tier in pairs:
+        if tier.get("type", tier.get("class")) in ("interval", "IntervalTier", None):
+            yield _text(name), _under(tier, ["entries"])
+
+
+def _under(value: Any, keys: Sequence[str]) -> list[Any]:
+    """Return what lies under the keys of a path; see `_Dialect`."""
+    for depth, key in enumerate(keys):
+        if isinstance(value, list) and not key.isdecimal():
+            return [found for item in value for found in _under(item, keys[depth:])]
+        if isinstance(value, list):
+            value = value[int(key)] if int(key) < len(value) else None
+        else:
+            value = value.get(key) if isinstance(value, dict) else None
+    return value if isinstance(value, list) else [] if value is None else [value]
+
+
+def _read(
+    entries: Iterable[Any], deeper: Mapping[str, str], start: float | None = 0.0, end: float | None = None
+) -> list[Stretch]:
+    """Return a stretch per word of the entries, which are spoken from `start` to `end`, or per segment without words.
+
+    Gentle's words of the case `not-found-in-audio` and whisperX's words that its aligner cannot spell, such as numbers,
+    have no times. The latter were spoken and get the gap between their neighbours; the former only if they fit in it.
+    """
+    result: list[Stretch] = []
+    units, is_gentle = False, False
+    for entry in entries:
+        if isinstance(entry, list) and len(entry) == 3:
+            entry = dict(zip(("text", "start", "end"), sorted(entry, key=lambda value: not isinstance(value, str))))
+        if not isinstance(entry, dict):
+            continue
+        for key, path in deeper.items():
+            if found := _under(entry, path.split(".")):
+                entry = {key: found[0] if len(found) == 1 else "".join(map(_text, found)), **entry}
+        columns = _columns(tuple(entry))
+        if "text" not in columns and "words" not in entry:
+            continue
+        units |= _has_unit(columns)
+        one = _stretch(tuple(entry.values()), columns)
+        one = one._replace(text=_spoken(one.text))
+        if words := _read(entry.get("words") or [], {}, one.start, one.end):
+            result += [word._replace(speaker=word.speaker or one.speaker) for word in words]
+            continue
+        if entry.get("case") == "not-found-in-audio":
+            one = one._replace(start=None, end=None)
+        is_gentle |= "case" in entry
+        result.append(one)
+    if not units:
+        result = _in_seconds(result)
+    return fill_gaps(result, start, end, slack=0.0 if is_gentle else math.inf)
+
+
+def _spoken(text: str) -> str:
+    """Return a text without the sounds that are not words, as Whisper and captions write them."""
+    return without_brackets(text.replace("\n", " "), "[(", " ").replace("♪", " ")
+
+
+def _text(value: object) -> str:
+    """Return a text of JSON; a number is a word, too, and half a pair of surrogates is no letter."""
+    if not isinstance(value, str | int | float) or isinstance(value, bool):
+        raise TypeError(f"a {type(value).__name__} instead of a text")
+    return str(value).encode("utf-8", "replace").decode("utf-8")

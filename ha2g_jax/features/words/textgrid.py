@@ -1,0 +1,146 @@
+"""TextGrids of Praat, long and short, and the choice among tiers and speakers."""
+
+import logging
+import pathlib
+import re
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.features.words.timing import Stretch
+from ha2g_jax.files.reading import reason, shown
+
+_logger = logging.getLogger(__name__)
+
+# Praat reads texts in quotation marks, in which "" is a mark, and numbers that stand alone; the rest is for people.
+_VALUE = re.compile(
+    r'"(?P<text>[^"]*(?:""[^"]*)*)"|![^\n]*|(?<!\S)(?P<number>[-+]?[0-9][0-9.]*(?:[eE][-+]?[0-9]+)?)(?!\S)'
+)
+
+_WORD_NAMES = ("words", "word", "ort", "ort-mau", "orthography", "transcript", "transcription", "text")
+# Words within a tier's name, such as "S1 - words" of the Montreal aligner.
+_IS_WORDS = re.compile(r"\b(words?|ort)\b")
+_IS_PHONES = re.compile(r"\b(phones?|phon|phonemes?|phonetic|segments?|mau|kan|syllables?|states?)\b")
+_SILENCES = {"sil", "sp", "spn", "spl", "_"}
+_BRACKETED = re.compile(r"<.*>|\[.*\]|\{.*\}", re.DOTALL)
+
+
+class Tier(NamedTuple):
+    """Stretches that belong together; formats without tiers have one without a name."""
+
+    name: str
+    stretches: list[Stretch]
+
+
+def parse_textgrid(text: str, path: pathlib.Path) -> list[Tier]:
+    """Parse the interval tiers of a file at `path`, as Praat reads them.
+
+    Raises:
+        UserError: the text is not a TextGrid in text form, or has fewer or more values than it declares.
+    """
+    values = _values(text)
+    tiers = []
+    try:
+        _, kind_of_file, _, _, count = _take(values, str, str, float, float, float)
+        for _ in range(int(count)):
+            kind, name, _, _, size = _take(values, str, str, float, float, float)
+            entry = (float, float, str) if kind == "IntervalTier" else (float, str)
+            stretches = []
+            for found in range(int(size)):
+                try:
+                    *times, label = _take(values, *entry)
+                except ValueError:
+                    raise ValueError(f"declares {size:.0f} intervals but has {found}") from None
+                stretches.append(Stretch(label, times[0], times[-1]))
+            tiers += [Tier(name, stretches)] if kind == "IntervalTier" else []
+        rest = [*values]
+    except (ValueError, OverflowError) as error:
+        problem = f"is a damaged TextGrid or none in text form ({reason(error)[:80]})"
+        raise UserError(f"{shown(path)} {problem}; save it again from Praat, as text file") from error
+    if kind_of_file != "TextGrid" or rest:
+        problem = f"has {len(rest)} values more than it declares" if rest else f"has a {kind_of_file[:40]!r}"
+        raise UserError(f"{shown(path)} {problem}; expected a TextGrid: save it again from Praat, as text file")
+    return tiers
+
+
+def _values(text: str) -> Iterator[str | float]:
+    for match in _VALUE.finditer(text):
+        if match["text"] is not None:
+            yield match["text"].replace('""', '"')
+        elif match["number"]:
+            yield float(match["number"])
+
+
+def _take(values: Iterator[str | float], *kinds: type) -> list:
+    taken = [value for _, value in zip(kinds, values, strict=False)]
+    if [*map(type, taken)] != [*kinds]:
+        raise ValueError(f"found {str(taken)[:40]}; expected {', '.join(kind.__name__ for kind in kinds)}")
+    return taken
+
+
+def choose(tiers: Sequence[Tier], speaker: str, path: pathlib.Path) -> list[Stretch]:
+    """Return the stretches of a speaker, or by default those of the word tier, of all speakers.
+
+    `speaker` is the name of a tier, the part of it before or after `words`, or a name that the stretches have. The word
+    tier is the one named words, word, ORT etc.; else one whose name contains such a word; else the tier with the most
+    labels, except tiers of phones. A warning lists the names if there are several speakers and none is chosen. Empty
+    labels, `sil`, `sp`, `<...>`, `[...]` and `{...}` of tiers are silence.
+
+    Raises:
+        UserError: there is no tier of words, or no such speaker.
+    """
+    if any(tier.name for tier in tiers):
+        tiers = [Tier(tier.name, list(filter(_is_speech, tier.stretches))) for tier in tiers]
+    wanted = speaker.casefold()
+    of_speaker = [tier for tier in tiers if speaker and wanted == tier.name.strip().casefold()]
+    of_speaker = of_speaker or [tier for tier in tiers if speaker and wanted == _without_words(tier.name)]
+    if of_speaker:
+        return max(of_speaker, key=_num_labels).stretches
+    names = [tier.name for tier in tiers]
+    stretches = tiers[0].stretches if names == [""] else _word_tier(tiers, path, is_chosen=bool(speaker))
+    speakers = [*dict.fromkeys(one.speaker for one in stretches if one.speaker)]
+    if speaker:
+        stretches = [one for one in stretches if one.speaker.casefold() == wanted]
+        if not stretches:
+            found = _listed(speakers or filter(None, names))
+            raise UserError(f"{shown(path)} has no speaker {speaker[:40]!r}; expected one of: {found}")
+    elif len(speakers) > 1:
+        _logger.warning(
+            "%s has several speakers (%s), whose words are all read; choose one by FILE#NAME",
+            shown(path),
+            _listed(speakers),
+        )
+    return stretches
+
+
+def _is_speech(stretch: Stretch) -> bool:
+    label = stretch.text.strip()
+    return bool(label) and label.lower() not in _SILENCES and not _BRACKETED.fullmatch(label)
+
+
+def _without_words(name: str) -> str:
+    return _IS_WORDS.sub("", name.casefold().replace("_", " ")).strip(" -:/|.()[]")
+
+
+def _num_labels(tier: Tier) -> int:
+    return len(tier.stretches)
+
+
+def _listed(names: Sequence[str] | Iterator[str]) -> str:
+    return ", ".join(repr(name[:40]) for name in [*names][:8]) or "none"
+
+
+def _word_tier(tiers: Sequence[Tier], path: pathlib.Path, *, is_chosen: bool) -> list[Stretch]:
+    by_name = {tier.name.strip().lower(): tier for tier in reversed(tiers) if tier.stretches}
+    if named := [by_name[name] for name in _WORD_NAMES if name in by_name]:
+        return named[0].stretches
+    alike = [tier for name, tier in by_name.items() if _IS_WORDS.search(name.replace("_", " "))]
+    alike = alike or [tier for name, tier in by_name.items() if not _IS_PHONES.search(name)]
+    names = _listed(tier.name for tier in (alike or tiers)[::-1])
+    if not alike:
+        raise UserError(f"{shown(path)} has no interval tier with words (tiers: {names}); name the tier `words`")
+    longest = max(alike, key=_num_labels)
+    if len(alike) > 1 and not is_chosen:
+        message = "%s has several tiers of words (%s), of which %r is read; choose another by FILE#NAME"
+        _logger.warning(message, shown(path), names, longest.name[:40])
+    return longest.stretches
