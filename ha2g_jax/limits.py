@@ -166,9 +166,6 @@ MAX_TRANSCRIPT_LINES = 1_000_000
 MAX_SUBTITLE_LETTERS = 3 << 20
 """Letters of a file of subtitles; an hour with the times of all words has about a million."""
 
-MAX_CUE_LINES = 200
-"""Lines of one subtitle."""
-
 MAX_WORDS = 100_000
 """Words of a transcript; an hour of fast speech has 12,000."""
 

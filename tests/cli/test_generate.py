@@ -107,7 +107,7 @@ def test_a_format_that_is_not_known_is_refused_before_the_speech_is_read(tmp_pat
 
 
 # Their imports take longer than the work on a few seconds of speech, for which none is needed.
-UNUSED = {"librosa", "numba", "optax", "orbax", "praatio", "pygltflib", "scipy", "sklearn"}
+UNUSED = {"librosa", "numba", "optax", "orbax", "pygltflib", "scipy", "sklearn"}
 
 
 def test_another_process_gives_the_same_bytes_and_imports_little(debug_folder, speech, tmp_path):

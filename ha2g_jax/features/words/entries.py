@@ -55,7 +55,7 @@ class _Dialect(NamedTuple):
 
 
 _DIALECTS = (
-    _Dialect("Whisper, whisperX, OpenAI", "segments"),
+    _Dialect("Whisper, OpenAI", "segments"),
     _Dialect("Gentle, AssemblyAI, ElevenLabs", "words"),
     _Dialect("whisperX", "word_segments"),
     _Dialect("Seamless Interaction", "metadata:transcript"),

@@ -9,14 +9,16 @@ import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from ha2g_jax.errors import UserError, require
+from ha2g_jax.errors import UserError
 from ha2g_jax.features.words.textgrid import Tier
 from ha2g_jax.features.words.timing import Stretch, longest, split_words, spread
-from ha2g_jax.files.reading import reason, shown
-from ha2g_jax.limits import MAX_CUE_LINES, MAX_SUBTITLE_LETTERS
+from ha2g_jax.files.reading import shown
+from ha2g_jax.limits import MAX_SUBTITLE_LETTERS
 
 _NOTES = re.compile("[♪♫]")
 _INLINE_TIME = re.compile(r"<((?:[0-9]{1,4}:)?[0-9]{1,2}:[0-9]{1,2}\.[0-9]{1,3})>")
+_TIME = r"((?:[0-9]{1,4}:)?[0-9]{1,2}:[0-9]{1,2}(?:[.,][0-9]{1,9})?)"
+_TIMES = re.compile(rf"{_TIME}[ \t]*-->[ \t]*{_TIME}(?![0-9:.,])")
 _UNDERLINED = re.compile(r"<u>([^<\n]{0,200})</u>")
 _VOICE = re.compile(r"<v(?:\.[^\s>]{0,200})?[ \t]+([^>\n]{1,200})>")
 _TURN = re.compile(r"[ \t]*(>>+|[-–—])[ \t]*")
@@ -31,8 +33,6 @@ _NO_NAME = re.compile(
     r"when|where|but|and|so|or|yes|no|ok|okay|well|also|again|step|part|chapter|lesson|rule|point|tip|day|number|"
     r"section|act|scene|problem|solution|result|conclusion|fact|truth|reason|idea|important|at|in|on|for|from|by|with|to)"
 )
-_BLANKS = re.compile(r"[^\S\n]+")
-_LONG_NUMBER = re.compile(r"[0-9]{30}")
 _logger = logging.getLogger(__name__)
 
 _CLOSING = {"{": "}", "[": "]", "(": ")", "<": ">"}
@@ -45,69 +45,35 @@ class _Cue(NamedTuple):
     end: float
 
 
-def parse_srt(text: str, path: pathlib.Path) -> list[Tier]:
-    """Parse SubRip, of a file at `path`: one stretch per subtitle, or one per word if it has times of words.
-
-    Raises:
-        UserError: the text is not SubRip, or the package srt is missing.
-    """
-    srt = require("srt", "import", by=f"{shown(path)} in SubRip")
-    if _LONG_NUMBER.search(text):
-        raise UserError(f"{shown(path)} has a number of more than 30 digits; expected subtitles")
-    # The library takes quadratic time for runs of blanks.
-    lines = [_BLANKS.sub(" ", line).strip() for line in text.strip().split("\n")]
-    kept = [line for line, before in zip(lines, ["", *lines[:-1]], strict=True) if line or before]
-    _check_cues(kept, "-->", path)
-    try:
-        cues = list(srt.parse("\n".join(kept) + "\n"))
-    except (srt.SRTParseError, srt.TimestampParseError, ValueError, OverflowError) as error:
-        raise UserError(
-            f"{shown(path)} is not valid SubRip ({reason(error)[:80]}); export the subtitles again"
-        ) from error
-    return _stretches([_Cue(cue.content, cue.start.total_seconds(), cue.end.total_seconds()) for cue in cues])
-
-
-def parse_vtt(text: str, path: pathlib.Path) -> list[Tier]:
-    """Parse WebVTT, of a file at `path`: one stretch per cue, or one per word if it has times of words.
+def parse_subtitles(text: str, path: pathlib.Path) -> list[Tier]:
+    """Parse SubRip or WebVTT, of a file at `path`: a stretch per cue, speaker in it, or word if it has times of words.
 
     A cue with unreadable times is left out, with a warning in the log.
 
     Raises:
-        UserError: the text is not WebVTT, or the package webvtt-py is missing.
+        UserError: no cue has readable times, or the file is too large.
     """
-    webvtt = require("webvtt", "import", by=f"{shown(path)} in WebVTT", package="webvtt-py")
-    _check_cues(text.split("\n"), "", path)
-    try:
-        captions = webvtt.from_string(text.lstrip()).captions
-    except (webvtt.errors.MalformedFileError, webvtt.errors.MalformedCaptionError, ValueError) as error:
-        raise UserError(f"{shown(path)} is not WebVTT ({reason(error)[:80]}); export the subtitles again") from error
-    num_arrows = sum("-->" in line for line in text.split("\n"))
-    if num_arrows > len(captions):
-        _logger.warning(
-            "%s: %d of %d cues cannot be read; left out", shown(path), num_arrows - len(captions), num_arrows
-        )
-    return _stretches(
-        [
-            _Cue(one.raw_text, one.start_time.in_milliseconds() / 1000, one.end_time.in_milliseconds() / 1000)
-            for one in captions
-        ]
-    )
-
-
-def _check_cues(lines: Sequence[str], border: str, path: pathlib.Path) -> None:
-    """Check the numbers of letters and of lines in a cue, for which the libraries take quadratic time.
-
-    A cue begins with a line that contains `border` (SRT, whose cues may have empty lines) or after an empty one (VTT).
-    """
-    total = sum(map(len, lines)) + len(lines)
-    if total > MAX_SUBTITLE_LETTERS:
-        raise UserError(f"{shown(path)} has {total} characters; expected at most {MAX_SUBTITLE_LETTERS}: cut the file")
-    places = [-1, *(i for i, line in enumerate(lines) if (border in line if border else not line)), len(lines)]
-    longest = max(after - before for before, after in itertools.pairwise(places)) - 1
-    if longest > MAX_CUE_LINES:
-        raise UserError(
-            f"{shown(path)} has a subtitle of {longest} lines; expected at most {MAX_CUE_LINES}: export it again"
-        )
+    if len(text) > MAX_SUBTITLE_LETTERS:
+        found = f"{len(text)} characters; expected at most {MAX_SUBTITLE_LETTERS}"
+        raise UserError(f"{shown(path)} has {found}: cut the file")
+    is_vtt = text.lstrip().startswith("WEBVTT")
+    lines = [line.strip(" \t") or line[:1] for line in text.split("\n")]
+    borders = [number for number, line in enumerate(lines) if "-->" in line and line[0].isdigit()]
+    cues = []
+    for border, after in itertools.pairwise([*borders, len(lines) + 1]):
+        body = lines[border + 1 : after]
+        if is_vtt:
+            body = list(itertools.takewhile(bool, body))  # a line of one blank, as YouTube writes, ends no cue
+        elif after < len(lines) and body and body[-1].isdecimal():
+            del body[-1]  # the number of the next cue
+        if match := _TIMES.match(lines[border]):
+            cues.append(_Cue("\n".join(body).strip(), _to_seconds(match[1]), _to_seconds(match[2])))
+    if not cues:
+        raise UserError(f"{shown(path)} has no subtitles with times; export it again as SubRip or WebVTT")
+    if len(cues) < len(borders):
+        num_unread = len(borders) - len(cues)
+        _logger.warning("%s: %d of %d cues cannot be read; left out", shown(path), num_unread, len(borders))
+    return _stretches(cues)
 
 
 def _stretches(cues: Sequence[_Cue]) -> list[Tier]:
@@ -162,7 +128,8 @@ def _label(line: str) -> tuple[str, str, bool] | None:
     )
     if not is_name or len(words) > _MAX_NAME_WORDS or _NO_NAME.fullmatch(words[0]):
         return None
-    is_sure = (name.isupper() and not rest.isupper()) or (name.upper() != name.lower() and len(words) > 1)
+    # In a file of capitals they say nothing.
+    is_sure = not rest.isupper() if name.isupper() else len(words) > 1 and name.upper() != name.lower()
     return name, rest, is_sure
 
 
@@ -172,15 +139,16 @@ def _labels(cues: Sequence[list[str]]) -> set[str]:
     A label stands before a colon at the start of a cue or after `>>` or `-`. It is a name in brackets or capitals, such
     as `[X]:` and `JOHN:`, or with a number, such as `Speaker 1:`, or up to five words that all begin with capitals,
     such as `Jordan Rivers:`. One word alone, such as `Jordan:`, may be speech: it is a label if it begins two cues or
-    more, or if half of the cues begin so and a capital follows it. Words that introduce a sentence, such as
-    `Remember:`, never are.
+    more, or if half of the cues begin so and it has a capital after it or others beside it that are labels. Words that
+    introduce a sentence, such as `Remember:`, never are.
     """
     counts: collections.Counter[str] = collections.Counter()
     sure, before_capitals = set(), set()
     for lines in cues:
         for number, line in enumerate(lines):
             turn = _TURN.match(line)
-            if (number and not turn) or not (label := _label(line[turn.end() if turn else 0 :].strip())):
+            label = _label(line[turn.end() if turn else 0 :].strip())
+            if label is None or (number and not turn and not _label(lines[0].strip())):
                 continue
             name, rest, is_sure = label
             counts[name] += 1
@@ -188,10 +156,10 @@ def _labels(cues: Sequence[list[str]]) -> set[str]:
                 sure.add(name)
             if not rest.strip()[:1].islower():
                 before_capitals.add(name)
-    are_usual = 2 * counts.total() >= len(cues)
-    return {
-        name for name, count in counts.items() if name in sure or count > 1 or (are_usual and name in before_capitals)
-    }
+    sure |= {name for name, count in counts.items() if count > 1}
+    if 2 * counts.total() < len(cues):
+        return sure
+    return {*counts} if sure else before_capitals
 
 
 def _turns(raw: str, labels: set[str]) -> list[tuple[str | None, str]]:
@@ -245,7 +213,7 @@ def _timed_words(cues: Sequence[_Cue], labels: set[str]) -> list[Stretch]:
 
 
 def _to_seconds(time: str) -> float:
-    *hours, minutes, seconds = time.split(":")
+    *hours, minutes, seconds = time.replace(",", ".").split(":")
     return 3600 * int(hours[0] if hours else 0) + 60 * int(minutes) + float(seconds)
 
 
