@@ -4,6 +4,7 @@ import codecs
 import logging
 import pathlib
 import re
+import string
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import check_regular, reading, shown
@@ -91,7 +92,7 @@ def _once(text: str) -> str:
 def _is_western(text: str) -> bool:
     """Return whether all letters beyond ASCII belong to one language, each in a word with others and in its case."""
     letters: set[str] = set()
-    for word in {match.strip(_AROUND_WORDS) for match in _FOREIGN_WORD.findall(text)}:
+    for word in {match.strip(_AROUND_WORDS + string.punctuation) for match in _FOREIGN_WORD.findall(text)}:
         for part in re.split(r"[\x00-@\[-`{-\x7f’–—]+", word):
             foreign = {letter for letter in part.lower() if letter > "\x7f"}
             if foreign and (len(part) > 1 and part.lower().strip("".join(foreign)) == ""):

@@ -81,7 +81,14 @@ def test_underlining_alone_is_style(tmp_path):
         (">> DR. WHO: hello", " hello"),
         ("- Speaker 1: Hi\n- there", " Hi\nthere"),
         ("[SPEAKER_00]: Hi", "hi"),
-        ("Remember: never", "Remember: never"),
+        ("Remember: It is late", "Remember: It is late"),
+        ("he said: Go\nThings I like: tea", "he said: Go\nThings I like: tea"),
+        ("Jordan Rivers: two", "two"),
+        ("Dr. Jean-Luc van der Berg: hi", "hi"),
+        ("José: Hola", "Hola"),
+        ("Мария Иванова: привет", "привет"),
+        ("(Mary Ann): yes\n>> so", "yes so"),
+        ("I met my friend\nJordan: the best", "I met my friend\nJordan: the best"),
         ('<font color="red">A &amp; B</font> (laughs)', "A & B"),
     ],
 )
@@ -89,6 +96,20 @@ def test_labels_and_sounds_are_not_spoken(raw, spoken):
     assert subtitles.split_words(
         subtitles._spoken(raw, subtitles._labels([subtitles._lines(raw)]))
     ) == subtitles.split_words(spoken)
+
+
+@pytest.mark.parametrize(
+    ("cues", "labels"),
+    [
+        (["so we go", "Paris: the city", "more", "yet more"], set()),
+        (["Mary: hello", "more", "yet more", "and", "Mary: again"], {"Mary"}),
+        (["Mary: hello", "Mary: so", "José: hola"], {"Mary", "José"}),
+        (["At 10: we go", "Step 1: do it", "Speaker 2: hm", "spk_0: hm"], {"Speaker 2", "spk_0"}),
+        (["REMEMBER: IT IS", "THE WEATHER: RAIN", "AND SO ON", "ON", "ON"], set()),
+    ],
+)
+def test_labels_of_a_file(cues, labels):
+    assert subtitles._labels([[cue] for cue in cues]) == labels
 
 
 def test_quadratic_time_is_out_of_reach(tmp_path):
