@@ -10,7 +10,7 @@ from typing import Any
 from ha2g_jax.config.ranges import TEXT, Range, number, whole
 from ha2g_jax.data.recording import MAX_SECONDS, MOCAP, WindowFilters
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import check_regular, read_json, shown
+from ha2g_jax.files.reading import check_regular, naming, read_json, shown
 from ha2g_jax.limits import MAX_SETTINGS_BYTES
 
 _EXPECTED = 'settings in JSON, such as {"min_seconds": 3}'
@@ -140,10 +140,8 @@ def read_settings(path: str | pathlib.Path) -> VideoSettings:
     values = read_json(path, _EXPECTED, MAX_SETTINGS_BYTES)
     if not isinstance(values, dict):
         raise UserError(f"{shown(path)} has a {type(values).__name__}; expected {_EXPECTED}")
-    try:
+    with naming(path):
         return VideoSettings.from_json(values)
-    except UserError as error:
-        raise UserError(f"{shown(path)}: {error}") from error
 
 
 def from_pairs(pairs: Iterable[str], base: VideoSettings | None = None) -> VideoSettings:
