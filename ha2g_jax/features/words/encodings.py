@@ -65,7 +65,7 @@ def read_text(path: pathlib.Path) -> str:
 
 def _decode(data: bytes, path: pathlib.Path) -> str:
     encoding = next((name for mark, name in _BYTE_ORDER_MARKS.items() if data.startswith(mark)), "utf-8")
-    if encoding == "utf-8" and data[:2].count(0) == 1:  # transcripts begin with a letter of ASCII
+    if encoding == "utf-8" and len(data) > 1 and data[:2].count(0) == 1:  # transcripts begin with a letter of ASCII
         encoding = "utf-16-le" if data[1] == 0 else "utf-16-be"
     try:
         return _once(data.decode(encoding))

@@ -2,12 +2,13 @@
 
 import csv
 import functools
+import itertools
 import json
 import math
 import pathlib
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.words.subtitles import without_brackets
@@ -18,12 +19,12 @@ from ha2g_jax.files.reading import parse_json, reason, shown
 # What a column or a key is for, by its name without the unit, the best name first.
 _ROLES = {
     "start": "start, start time, begin, begin time, onset, xmin, tmin, from, time start, time, timestamp, ts, "
-    "t start, in",
-    "end": "end, end time, stop, stop time, xmax, tmax, to, time end, end ts, finish, out",
+    "t start, t 0, in",
+    "end": "end, end time, stop, stop time, xmax, tmax, to, time end, end ts, finish, t 1, out",
     "offset": "offset",  # the end beside a start, the start beside a duration
     "duration": "duration, dur, length, d duration",
     "text": "word, text, punctuated word, token, label, transcript, transcription, content, value, utterance, "
-    "sentence, annotation, subtitle",
+    "sentence, phrase, annotation, subtitle, caption",
     "speaker": "speaker, speaker id, speaker name, speaker label, speaker tag, participant, voice",
     "tier": "tier, tier name, type",
 }
@@ -43,39 +44,32 @@ _MAX_ROW = 1 << 16
 _LEAST_LETTERS = 0.05
 
 
-class _Dialect(NamedTuple):
-    """Where a program writes words or segments, and where their values are if they lie deeper.
-
-    The parts of a path are keys; a number takes one item of a list, a key is looked up in each of its items.
-    """
-
-    programs: str
-    path: str
-    deeper: Mapping[str, str] = {}
-
-
-_DIALECTS = (
-    _Dialect("Whisper, OpenAI", "segments"),
-    _Dialect("Gentle, AssemblyAI, ElevenLabs", "words"),
-    _Dialect("whisperX", "word_segments"),
-    _Dialect("Seamless Interaction", "metadata:transcript"),
-    _Dialect("whisper.cpp", "transcription", {"start ms": "offsets.from", "end ms": "offsets.to"}),
-    _Dialect("transformers", "chunks", {"start": "timestamp.0", "end": "timestamp.1"}),
-    _Dialect("Vosk", "result"),
-    _Dialect("Vosk", "monologues.terms"),
-    _Dialect("Rev", "monologues.elements"),
-    _Dialect("Deepgram", "results.channels.alternatives.0.words"),
-    _Dialect("AWS Transcribe", "results.items", {"text": "alternatives.0.content"}),
-    _Dialect("Google", "results.alternatives.0.words", {"start": "startOffset", "end": "endOffset"}),
-    _Dialect("Google", "response.results.alternatives.0.words"),
-    _Dialect("Speechmatics", "results", {"text": "alternatives.0.content"}),
-    _Dialect("Azure", "phrases"),
-    _Dialect("Azure", "recognizedPhrases.nBest.0.words"),
-    _Dialect("Azure", "NBest.0.Words", {"start ticks": "Offset", "duration ticks": "Duration"}),
-    _Dialect("YouTube", "events", {"text": "segs.utf8"}),
-    _Dialect("a list of words or segments", ""),
+# Programs, where they write words or segments, and where the values of these are if they lie deeper. The parts of a
+# path are keys; a number takes one item of a list, a key is looked up in each of its items.
+_DIALECTS: tuple[tuple[str, str, dict[str, str]], ...] = (
+    ("Whisper, OpenAI", "segments", {}),
+    ("Gentle, AssemblyAI, ElevenLabs", "words", {}),
+    ("whisperX", "word_segments", {}),
+    ("Seamless Interaction", "metadata:transcript", {}),
+    ("whisper.cpp", "transcription", {"start ms": "offsets.from", "end ms": "offsets.to"}),
+    ("transformers", "chunks", {"start": "timestamp.0", "end": "timestamp.1"}),
+    ("Vosk", "result", {}),
+    ("Vosk", "alternatives.0.result", {}),
+    ("Vosk", "monologues.terms", {}),
+    ("Rev", "monologues.elements", {}),
+    ("Deepgram", "results.channels.alternatives.0.words", {}),
+    ("AWS Transcribe", "results.items", {"text": "alternatives.0.content"}),
+    ("Google", "results.alternatives.0.words", {"start": "startOffset", "end": "endOffset"}),
+    ("Google", "response.results.alternatives.0.words", {}),
+    ("NeMo", "timestamp.word", {}),
+    ("Speechmatics", "results", {"text": "alternatives.0.content"}),
+    ("Azure", "phrases", {}),
+    ("Azure", "recognizedPhrases.nBest.0.words", {}),
+    ("Azure", "NBest.0.Words", {"start ticks": "Offset", "duration ticks": "Duration"}),
+    ("YouTube", "events", {"text": "segs.utf8"}),
+    ("a list of words or segments", "", {}),
 )
-PROGRAMS = ", ".join(dict.fromkeys(["Montreal Forced Aligner", *(dialect.programs for dialect in _DIALECTS)]))
+PROGRAMS = ", ".join(dict.fromkeys(["Montreal Forced Aligner", *(programs for programs, _, _ in _DIALECTS)]))
 
 
 @functools.lru_cache(1024)
@@ -123,18 +117,19 @@ def _stretch(values: Sequence[Any], columns: Mapping[str, tuple[int, float | Non
     if end is None and start is not None and duration is not None:
         end = start + duration
     speaker = cells.get("speaker")
-    return Stretch(_text(cells.get("text", "")), start, end, "" if speaker is None else _text(speaker).strip())
+    return Stretch(_text(cells.get("text", "")), start, end, str(speaker) if isinstance(speaker, str | int) else "")
 
 
 def _in_seconds(stretches: Sequence[Stretch]) -> list[Stretch]:
     """Convert times that can only be milliseconds: whole numbers at which speech is far too slow."""
-    closed = [one for one in with_ends(stretches) if one.start is not None and one.end is not None]
-    times = [time for one in closed for time in (one.start, one.end) if time is not None]
-    lasting = sum(end - start for start, end in zip(times[::2], times[1::2], strict=True))
-    letters = sum(num_letters(one.text) for one in closed)
-    if not (letters < _LEAST_LETTERS * lasting and all(time.is_integer() for time in times)):
+    seconds = letters = 0.0
+    for text, start, end, _ in with_ends(stretches):
+        if start is not None and end is not None:
+            seconds, letters = seconds + end - start, letters + num_letters(text)
+    times = [(one.start, one.end) for one in stretches]
+    if not letters < _LEAST_LETTERS * seconds or any(time and not time.is_integer() for pair in times for time in pair):
         return [*stretches]
-    scaled = [[time if time is None else time / 1000 for time in (one.start, one.end)] for one in stretches]
+    scaled = [[time if time is None else time / 1000 for time in pair] for pair in times]
     return [one._replace(start=start, end=end) for one, (start, end) in zip(stretches, scaled, strict=True)]
 
 
@@ -167,32 +162,24 @@ def parse_table(text: str, path: pathlib.Path) -> list[Tier]:
     if header is None:
         raise UserError(f"{name} has no rows; expected start, end and word in each")
     columns = _columns(tuple(header))
-    found: list[tuple[int, list[str]]] = []
     if not {"start", "text"} <= columns.keys():
         columns = {"start": (0, None), "end": (1, None), "text": (2, None)}
         if len(header) != 3 or not _is_number(header[0]):
             raise UserError(f"{name} has the columns {', '.join(header)[:80]}; expected start, end and word")
-        found.append((number, header))
+        rows = itertools.chain([(number, header)], rows)
     tiers: dict[str, list[Stretch]] = {}
-    for number, row in (*found, *rows):
+    for number, row in rows:
         try:
             tier = row[columns["tier"][0]] if "tier" in columns else ""
             tiers.setdefault(tier, []).append(_stretch(row, columns))
         except IndexError as error:
-            expected = 1 + max(place for place, _ in columns.values())
-            raise UserError(
-                f"{name}, line {number}, has {len(row)} columns instead of {expected}; correct it"
-            ) from error
+            problem = f"has {len(row)} columns instead of {1 + max(place for place, _ in columns.values())}"
+            raise UserError(f"{name}, line {number}, {problem}; correct it") from error
         except ValueError as error:
             problem = f"has a time that is not a number ({reason(error)[:80]})"
             raise UserError(f"{name}, line {number}, {problem}; correct it") from error
-    if not _has_unit(columns):
-        return [Tier(tier, _in_seconds(stretches)) for tier, stretches in tiers.items()]
-    return [Tier(*tier) for tier in tiers.items()]
-
-
-def _has_unit(columns: Mapping[str, tuple[int, float | None]]) -> bool:
-    return any(unit is not None for _, unit in columns.values())
+    has_unit = any(unit is not None for _, unit in columns.values())
+    return [Tier(tier, [*stretches] if has_unit else _in_seconds(stretches)) for tier, stretches in tiers.items()]
 
 
 def _separator(line: str) -> str:
@@ -205,21 +192,17 @@ def _rows(text: str, path: pathlib.Path) -> Iterator[tuple[int, list[str]]]:
     """Yield the line number and the fields of each row, without the frequencies of Audacity's labels."""
     lines = text.lstrip("\n").split("\n")
     if max(map(len, lines)) > _MAX_ROW:
-        raise UserError(
-            f"{shown(path)} has a line of more than {_MAX_ROW} characters; expected start, end and word in each"
-        )
+        raise UserError(f"{shown(path)} has a line of more than {_MAX_ROW} characters; expected start, end and word")
     separator = _separator(lines[0]) or ","
     # Tools that write tabs do not quote, and a transcript may have a single quotation mark.
-    style = {"quoting": csv.QUOTE_NONE} if separator == "\t" else {"strict": True}
-    reader = csv.reader(lines, delimiter=separator, **style)
+    quoting = csv.QUOTE_NONE if separator == "\t" else csv.QUOTE_MINIMAL
+    reader = csv.reader(lines, delimiter=separator, quoting=quoting, strict=True)
     try:
         for row in reader:
             if any(field.strip() for field in row) and row[0] != "\\":
                 yield reader.line_num, row
     except csv.Error as error:
-        raise UserError(
-            f"{shown(path)}, line {reader.line_num}, is damaged ({error}); export the table again"
-        ) from error
+        raise UserError(f"{shown(path)}, line {reader.line_num}, is damaged ({error}); export it again") from error
 
 
 def _is_number(field: str) -> bool:
@@ -240,12 +223,9 @@ def parse_json_words(text: str, path: pathlib.Path) -> list[Tier]:
         if isinstance(content, dict) and content.get("tiers"):
             return [Tier(name, _read(entries, {})) for name, entries in _tiers(content["tiers"])]
         # OpenAI's service returns segments without words, and a separate list of words.
-        dialects = sorted(
-            _DIALECTS, key=lambda one: one.path == "segments" and not _under(content, ["segments", "words"])
-        )
-        lists = ((_under(content, one.path.split(".") if one.path else []), one.deeper) for one in dialects)
-        for entries, deeper in lists:
-            stretches = _read(entries, deeper)
+        dialects = sorted(_DIALECTS, key=lambda one: one[1] == "segments" and not _under(content, "segments.words"))
+        for _, dialect, deeper in dialects:
+            stretches = _read(_under(content, dialect), deeper)
             if any(one.start is not None for one in stretches):
                 return [Tier("", stretches)]
     except json.JSONDecodeError as error:
@@ -261,18 +241,20 @@ def _tiers(tiers: Any) -> Iterator[tuple[str, list[Any]]]:
     pairs = tiers.items() if isinstance(tiers, dict) else ((tier["name"], tier) for tier in tiers)
     for name, tier in pairs:
         if tier.get("type", tier.get("class")) in ("interval", "IntervalTier", None):
-            yield _text(name), _under(tier, ["entries"])
+            yield _text(name), _under(tier, "entries")
 
 
-def _under(value: Any, keys: Sequence[str]) -> list[Any]:
-    """Return what lies under the keys of a path; see `_Dialect`."""
-    for depth, key in enumerate(keys):
+def _under(value: Any, path: str) -> list[Any]:
+    """Return what lies under a path; see `_DIALECTS`."""
+    while path and value is not None:
+        key, _, rest = path.partition(".")
         if isinstance(value, list) and not key.isdecimal():
-            return [found for item in value for found in _under(item, keys[depth:])]
+            return [found for item in value for found in _under(item, path)]
         if isinstance(value, list):
             value = value[int(key)] if int(key) < len(value) else None
         else:
             value = value.get(key) if isinstance(value, dict) else None
+        path = rest
     return value if isinstance(value, list) else [] if value is None else [value]
 
 
@@ -285,19 +267,21 @@ def _read(
     have no times. The latter were spoken and get the gap between their neighbours; the former only if they fit in it.
     """
     result: list[Stretch] = []
-    units, is_gentle = False, False
+    has_unit, is_gentle = False, False
     for entry in entries:
         if isinstance(entry, list) and len(entry) == 3:
-            entry = dict(zip(("text", "start", "end"), sorted(entry, key=lambda value: not isinstance(value, str))))
+            entry = dict[str, Any](
+                zip(("text", "start", "end"), sorted(entry, key=lambda value: not isinstance(value, str)))
+            )
         if not isinstance(entry, dict):
             continue
         for key, path in deeper.items():
-            if found := _under(entry, path.split(".")):
+            if found := _under(entry, path):
                 entry = {key: found[0] if len(found) == 1 else "".join(map(_text, found)), **entry}
         columns = _columns(tuple(entry))
         if "text" not in columns and "words" not in entry:
             continue
-        units |= _has_unit(columns)
+        has_unit |= any(unit is not None for _, unit in columns.values())
         one = _stretch(tuple(entry.values()), columns)
         one = one._replace(text=_spoken(one.text))
         if words := _read(entry.get("words") or [], {}, one.start, one.end):
@@ -307,9 +291,7 @@ def _read(
             one = one._replace(start=None, end=None)
         is_gentle |= "case" in entry
         result.append(one)
-    if not units:
-        result = _in_seconds(result)
-    return fill_gaps(result, start, end, slack=0.0 if is_gentle else math.inf)
+    return fill_gaps(result if has_unit else _in_seconds(result), start, end, slack=0.0 if is_gentle else math.inf)
 
 
 def _spoken(text: str) -> str:

@@ -25,7 +25,7 @@ _TURN = re.compile(r"[ \t]*(>>+|[-–—])[ \t]*")
 _LABEL = re.compile(r"([^:：\n]{1,60}?)[ \t]*(?::(?=\s|$)|：)")
 _MAX_NAME_WORDS = 5
 _IDENTIFIER = re.compile(r"(?i:speaker|spk|[a-z]+_?[0-9]+)[\w.]*")
-_PARTICLE = re.compile(r"(?i:&|and|of|the|de|da|di|del|der|den|du|van|von|zu|la|le|el|al|bin|ibn|y|e)")
+_PARTICLE = re.compile(r"(?i:[-–/|&]|and|of|the|de|da|di|del|der|den|du|van|von|zu|la|le|el|al|bin|ibn|y|e)")
 # Words that begin a sentence or a heading before a colon, and are nobody's name.
 _NO_NAME = re.compile(
     r"(?i:remember|note|notice|question|answer|warning|caution|example|listen|look|see|think|imagine|consider|first|"
@@ -126,7 +126,7 @@ def _label(line: str) -> tuple[str, str, bool] | None:
         all((word[0].isalnum() and not word[0].islower()) or _PARTICLE.fullmatch(word) for word in words)
         and words[0][0].isalpha()
     )
-    if not is_name or len(words) > _MAX_NAME_WORDS or _NO_NAME.fullmatch(words[0]):
+    if not is_name or len(words) > _MAX_NAME_WORDS or _NO_NAME.fullmatch(words[0].rstrip(",")):
         return None
     # In a file of capitals they say nothing.
     is_sure = not rest.isupper() if name.isupper() else len(words) > 1 and name.upper() != name.lower()

@@ -3,7 +3,7 @@
 import logging
 import pathlib
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 from ha2g_jax.errors import UserError
@@ -95,7 +95,7 @@ def choose(tiers: Sequence[Tier], speaker: str, path: pathlib.Path) -> list[Stre
     of_speaker = [tier for tier in tiers if speaker and wanted == tier.name.strip().casefold()]
     of_speaker = of_speaker or [tier for tier in tiers if speaker and wanted == _without_words(tier.name)]
     if of_speaker:
-        return max(of_speaker, key=_num_labels).stretches
+        return max((tier.stretches for tier in of_speaker), key=len)
     names = [tier.name for tier in tiers]
     stretches = tiers[0].stretches if names == [""] else _word_tier(tiers, path, is_chosen=bool(speaker))
     speakers = [*dict.fromkeys(one.speaker for one in stretches if one.speaker)]
@@ -105,11 +105,8 @@ def choose(tiers: Sequence[Tier], speaker: str, path: pathlib.Path) -> list[Stre
             found = _listed(speakers or filter(None, names))
             raise UserError(f"{shown(path)} has no speaker {speaker[:40]!r}; expected one of: {found}")
     elif len(speakers) > 1:
-        _logger.warning(
-            "%s has several speakers (%s), whose words are all read; choose one by FILE#NAME",
-            shown(path),
-            _listed(speakers),
-        )
+        message = "%s has several speakers (%s), whose words are all read; choose one by FILE#NAME"
+        _logger.warning(message, shown(path), _listed(speakers))
     return stretches
 
 
@@ -122,11 +119,7 @@ def _without_words(name: str) -> str:
     return _IS_WORDS.sub("", name.casefold().replace("_", " ")).strip(" -:/|.()[]")
 
 
-def _num_labels(tier: Tier) -> int:
-    return len(tier.stretches)
-
-
-def _listed(names: Sequence[str] | Iterator[str]) -> str:
+def _listed(names: Iterable[str]) -> str:
     return ", ".join(repr(name[:40]) for name in [*names][:8]) or "none"
 
 
@@ -139,7 +132,7 @@ def _word_tier(tiers: Sequence[Tier], path: pathlib.Path, *, is_chosen: bool) ->
     names = _listed(tier.name for tier in (alike or tiers)[::-1])
     if not alike:
         raise UserError(f"{shown(path)} has no interval tier with words (tiers: {names}); name the tier `words`")
-    longest = max(alike, key=_num_labels)
+    longest = max(alike, key=lambda tier: len(tier.stretches))
     if len(alike) > 1 and not is_chosen:
         message = "%s has several tiers of words (%s), of which %r is read; choose another by FILE#NAME"
         _logger.warning(message, shown(path), names, longest.name[:40])
