@@ -192,7 +192,10 @@ def _seconds(audio: "np.ndarray") -> float:
 
 def _compare_lengths(motions: dict[str, "Motion"], seconds: float) -> None:
     """Print a warning where the lengths differ: a shorter motion stands still at its end, and a longer one is cut."""
+    from ha2g_jax.motion.readers.recordings import other_rate
+
     for name, motion in motions.items():
         length = motion.num_frames / motion.fps
         if abs(length - seconds) > _MOST_DIFFERENCE:
-            print(f"ha2g: {name} lasts {length:.1f} s, the sound {seconds:.1f} s", file=sys.stderr)
+            rate = other_rate(length, motion.meta.get("read_from", {}).get("fps", motion.fps), seconds)
+            print(f"ha2g: {name} lasts {length:.1f} s, the sound {seconds:.1f} s{rate}", file=sys.stderr)

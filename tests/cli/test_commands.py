@@ -10,12 +10,15 @@ import signal
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 import ha2g_jax
 from ha2g_jax import cli
 from ha2g_jax.data.talk.speakers import default_styles
 from ha2g_jax.files.writing import whole_file
+from ha2g_jax.motion.motion import Motion
+from ha2g_jax.skeleton import load_skeleton
 
 HELLO = pathlib.Path(__file__).parents[2] / "examples" / "hello.wav"
 
@@ -32,6 +35,37 @@ def parsers(parser, name="ha2g"):
 
 
 COMMANDS = dict(parsers(cli.make_parser()))
+READERS = pathlib.Path(ha2g_jax.__file__).parent / "motion" / "readers"
+
+
+@pytest.mark.parametrize("path", sorted(READERS.glob("*.py")), ids=lambda path: path.stem)
+def test_a_message_of_a_reader_names_no_option_that_a_command_lacks(path):
+    """Recordings with sound and words are read by the import alone, all else by every command that has a joint map."""
+    named = set(re.findall(r"--[a-z][a-z-]*", path.read_text()))
+    options = {name: {*command._option_string_actions} for name, command in COMMANDS.items()}
+    reading = {name for name, own in options.items() if "--joint-map" in own}
+    for name in {"ha2g data import"} if path.stem == "recordings" else reading:
+        assert named <= options[name], name
+    assert len(reading) == 6
+
+
+def test_an_option_of_reading_that_has_no_effect_is_refused(tmp_path, capsys):
+    """Of several files one is enough that has a unit or a rate; motion of ours has none to state."""
+    skeleton = load_skeleton("ted_expressive")
+    motion = Motion.from_directions(skeleton, skeleton.mean_directions[None], 15)
+    motion.save(tmp_path / "own.npz")
+    np.save(tmp_path / "bare.npy", motion.directions)
+    np.save(tmp_path / "places.npy", 100 * motion.positions)
+
+    def shown(*names: str, **options: float) -> int:
+        given = [text for name, value in options.items() for text in (f"--{name.replace('_', '-')}", str(value))]
+        return cli.main(["view", *(str(tmp_path / name) for name in names), *given, "-o", str(tmp_path / "x.html")])
+
+    assert shown("own.npz", "places.npy", unit=0.01) == shown("own.npz", "bare.npy", source_fps=24) == 0
+    assert shown("own.npz", "bare.npy", unit=0.01) == shown("own.npz", source_fps=24) == 2
+    assert "own.npz and the others does not depend on --unit; leave --unit out" in capsys.readouterr().err
+    assert shown("places.npy", unit=1) == 2
+    assert "it has arms" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -164,6 +164,25 @@ def test_lengths_that_differ(recording, tmp_path, caplog):
         import_bvh(recording(tmp_path / "c", "talk", sound=2.9), tmp_path / "other")
 
 
+@pytest.mark.parametrize(("stated", "true"), [(24, 120), (120, 30), (60, 30), (30, 25), (15, 45)])
+def test_a_rate_that_is_stated_wrongly(stated, true, recording, tmp_path, caplog):
+    """The message names the rate at which motion and sound have one length, and with it they have."""
+    path = recording(tmp_path / "in", "talk", seconds=SECONDS * true / 30, sound=SECONDS)
+    (tmp_path / "in" / "talk.tsv").unlink()
+    plain = ImportOptions(with_words=False)
+    path.write_text(re.sub("Frame Time: .*", f"Frame Time: {1 / stated:.7f}", path.read_text()))
+    option = rf"\(--source-fps {true}\)"
+    if max(stated, true) > 2 * min(stated, true):
+        with pytest.raises(UserError, match=f"as {true / stated:.3g} to 1.* {true} frames per second.*{option}"):
+            import_bvh(path, tmp_path / "out", plain)
+    else:
+        import_bvh(path, tmp_path / "out", plain)
+        assert re.search(option, caplog.text)
+    caplog.clear()
+    import_bvh(path, tmp_path / "right", plain, source_fps=true)
+    assert not caplog.records
+
+
 def test_nothing_is_left_of_a_failure(recording, tmp_path):
     for stem in ("a", "b"):
         path = recording(tmp_path / "in", stem)

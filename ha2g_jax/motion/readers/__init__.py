@@ -6,6 +6,7 @@
 | BVH | `.bvh` of any skeleton that a joint map knows |
 | SMPL-X | `.npz` in the layouts of `motion.readers.smplx_arrays`, `.npy` of joint positions |
 | directions | `.npy` of direction vectors (T, 126), (T, 42, 3), (T, 27), (T, 9, 3), whole or less the mean |
+| table | `.json` of any rig that `ha2g export` wrote |
 | positions | `.npz` or `.json` with `positions` (T, J, 3), `fps` and `joint_names`; `.npy` (T, 43, 3) or (T, 10, 3) |
 
 Nothing is unpickled, and sizes are checked before anything is unpacked.
@@ -191,15 +192,15 @@ def _read_json(path: pathlib.Path) -> Mapping[str, Any]:
             f"{shown(path)} holds no motion but a {type(content).__name__}; expected positions (T, J, 3), fps and "
             "joint_names (J,)"
         )
-    return {name: content[name] for name in array_files.ARRAYS if name in content}
+    return {name: content[name] for name in (*array_files.ARRAYS, *array_files.TABLE) if name in content}
 
 
 def _reader_of(content: Content) -> Callable[[Content, _Options], Motion]:
     """Choose the reader of a file by its content; the last one takes what is left, and says what it lacks."""
     if "directions" in content.arrays and "meta" in content.arrays:
         return _read_own
-    if content.container == ".bvh":
-        return _read_bvh
+    if content.container == ".bvh" or (content.container == ".json" and "frames" in content.arrays):
+        return _read_tree
     if _is_smplx(content):
         return _read_smplx
     if content.container == ".npy":
@@ -224,12 +225,17 @@ def _read_own(content: Content, options: _Options) -> Motion:
     return motion
 
 
-def _read_bvh(content: Content, options: _Options) -> Motion:
-    bvh, given = read_bvh(content.path, options.source_fps), {"fps": options.fps, "unit": options.unit}
+def _read_tree(content: Content, options: _Options) -> Motion:
+    is_bvh, given = content.container == ".bvh", {"fps": options.fps, "unit": options.unit}
+    if is_bvh:
+        bvh = read_bvh(content.path, options.source_fps)
+    else:
+        bvh = array_files.read_table(_stated(content, options), content.path)
     skeleton = load_skeleton(options.skeleton or _bvh_skeleton(bvh, content.path, options.joint_map))
     found = bvh_motion.to_motion(bvh, content.path, skeleton, joint_map=options.joint_map, with_legs=True, **given)
     array_files.check_positions(found.positions.astype(np.float64), skeleton, content.path)
-    facts = {"kind": "BVH", "fps": found.fps, "joint_map": found.joint_map, "unit": found.unit, "up": found.up}
+    kind = "BVH" if is_bvh else "table"
+    facts = {"kind": kind, "fps": found.fps, "joint_map": found.joint_map, "unit": found.unit, "up": found.up}
     fps = options.fps or found.fps
     return Motion.from_positions(skeleton, found.positions, fps, {"read_from": facts}, lower=found.lower)
 
@@ -268,8 +274,12 @@ def _read_smplx(content: Content, options: _Options) -> Motion:
 
 
 def _read_positions(content: Content, options: _Options) -> Motion:
-    stated = {} if options.source_fps is None else {"fps": np.array(options.source_fps)}
-    return _from_positions(array_files.read_arrays({**content.arrays, **stated}, content.path), content.path, options)
+    return _from_positions(array_files.read_arrays(_stated(content, options), content.path), content.path, options)
+
+
+def _stated(content: Content, options: _Options) -> Mapping[str, Any]:
+    """Return the arrays of a file with the frame rate that the user states."""
+    return content.arrays if options.source_fps is None else {**content.arrays, "fps": np.array(options.source_fps)}
 
 
 def _from_positions(arrays: array_files.Arrays, path: pathlib.Path, options: _Options) -> Motion:
@@ -326,7 +336,7 @@ def _at_rate(motion: Motion, fps: float | None) -> Motion:
 
 _EFFECTS: dict[Callable[[Content, _Options], Motion], tuple[str, ...]] = {
     _read_own: (),
-    _read_bvh: ("joint_map", "source_fps", "unit"),
+    _read_tree: ("joint_map", "source_fps", "unit"),
     _read_smplx: ("source_fps", "unit"),
     _read_directions: ("source_fps",),
     _read_positions: ("joint_map", "source_fps", "unit"),

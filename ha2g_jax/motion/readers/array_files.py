@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import naming, reason, shown
@@ -23,9 +24,12 @@ from ha2g_jax.motion.armature import export_axes
 from ha2g_jax.motion.motion import check_length
 from ha2g_jax.motion.readers import joint_maps
 from ha2g_jax.motion.readers.body import find_up, to_skeleton_axes
+from ha2g_jax.motion.readers.bvh import Bvh
 from ha2g_jax.skeleton import SKELETONS, Skeleton, bone_lengths, load_skeleton
 
 ARRAYS = ("positions", "fps", "joint_names", "borders")
+TABLE = ("fps", "joints", "frames")
+"""Parts of a `.json` that `ha2g export` writes."""
 
 EXPECTED = "expected positions (T, J, 3), fps (or --source-fps) and joint_names (J,)"
 
@@ -174,6 +178,33 @@ def _names(values: Any) -> tuple[str, ...]:
     if not isinstance(values, list) or len(values) > MAX_MOTION_JOINTS:
         raise ValueError(f"joint_names that are no list of at most {MAX_MOTION_JOINTS} names")
     return tuple(name.decode() if isinstance(name, bytes) else str(name) for name in values)
+
+
+def read_table(content: Mapping[str, Any], path: pathlib.Path) -> Bvh:
+    """Convert the content of a `.json` that `ha2g export` wrote to a tree of joints, as that of a BVH file.
+
+    Raises:
+        UserError: a part is missing or has another form, or the length or the frame rate is out of range.
+    """
+    try:
+        joints, frames = content["joints"], content["frames"]
+        names = _names([joint["name"] for joint in joints])
+        parents = tuple(int(joint["parent"]) for joint in joints)
+        offsets = np.array([joint["offset"] for joint in joints], float).reshape(len(names), 3)
+        places = np.array([frame["positions"][0] for frame in frames], float).reshape(len(frames), 3)
+        quaternions = np.array([frame["rotations"] for frame in frames], float)
+        angles = Rotation.from_quat(quaternions.reshape(-1, 4)).as_euler("ZXY", degrees=True)
+        motion = np.concatenate([places, angles.reshape(len(frames), 3 * len(names))], axis=1)
+        fps = float(content["fps"])
+    except (KeyError, IndexError, ValueError, TypeError, OverflowError) as error:
+        raise UserError(f"{shown(path)} is no table of ha2g export ({reason(error)}); export it again") from error
+    if not all(-1 <= parent < index for index, parent in enumerate(parents)):
+        raise UserError(f"{shown(path)} has a joint before its parent; export it again")
+    with naming(path):
+        check_length(len(frames), fps)
+    turns = ("Zrotation", "Xrotation", "Yrotation")
+    channels = (("Xposition", "Yposition", "Zposition", *turns), *[turns] * (len(names) - 1))
+    return Bvh(names, parents, offsets, channels, motion, fps)
 
 
 def directions_skeleton(array: np.ndarray) -> str | None:

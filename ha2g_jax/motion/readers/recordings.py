@@ -154,7 +154,10 @@ def compare_lengths(recording: MotionRecording, motion: float, fps: float, audio
     rate = other_rate(motion, fps, sound)
     if min(motion, sound) < _MIN_FRACTION * max(motion, sound):
         raise UserError(f"{lengths}, which do not belong together{rate}; give the audio of this motion (--audio)")
-    return f"{lengths}; cut to the shorter{rate}" if abs(motion - sound) > _MAX_DIFFERENCE else None
+    if abs(motion - sound) <= _MAX_DIFFERENCE:
+        return None
+    longer = "motion" if motion > sound else "audio"
+    return f"{lengths}; cut to the shorter, without the last {abs(motion - sound):.1f} s of {longer}{rate}"
 
 
 def other_rate(motion: float, fps: float, sound: float) -> str:

@@ -10,7 +10,7 @@ import pygltflib
 import pytest
 from fixtures.bvh_readers import pybvh_places
 from motion.readers import bvh_files
-from motion.readers.conftest import FRAMES
+from motion.readers.conftest import FRAMES, Person
 
 from ha2g_jax import cli
 from ha2g_jax.errors import UserError
@@ -114,6 +114,20 @@ def test_joints_are_where_an_independent_reader_finds_them(kind, files, person):
     turn = rigid(theirs - theirs[:, :1], lower.positions() - lower.positions()[:, :1])
     np.testing.assert_allclose(theirs @ turn, lower.positions(), atol=1e-5)
     assert turn[1, 1] == pytest.approx(1, abs=1e-6)
+
+
+def test_a_real_recording_of_beat2_has_its_joints_and_its_sound_is_cut(private_data, tmp_path, caplog):
+    [path] = private_data.glob("beat2_scott/*.npz")
+    with np.load(path) as arrays:
+        person = Person(arrays["poses"].reshape(-1, 55, 3), arrays["trans"])
+    joints = person.joints - person.at("spine3")[:, None]
+    motion = read_motion(path)
+    names = [name for name in motion.joint_names if NAMES.get(name, name) in JOINTS and name != "head"]
+    ours = motion.positions[:, [motion.joint_names.index(name) for name in names]].astype(np.float64)
+    theirs = joints[:, [JOINTS.index(NAMES.get(name, name)) for name in names]]
+    np.testing.assert_allclose(theirs @ rigid(theirs, ours), ours, atol=1e-3)
+    assert run("data", "import", path.parent, tmp_path / "corpus", "--no-words") == 0
+    assert "63.53 s of motion and 64.10 s of audio; cut to the shorter, without the last 0.6 s of audio" in caplog.text
 
 
 def test_legs_and_place_reach_the_files_of_other_programs(files, tmp_path):
