@@ -197,5 +197,5 @@ def _compare_lengths(motions: dict[str, "Motion"], seconds: float) -> None:
     for name, motion in motions.items():
         length = motion.num_frames / motion.fps
         if abs(length - seconds) > _MOST_DIFFERENCE:
-            rate = other_rate(length, motion.meta.get("read_from", {}).get("fps", motion.fps), seconds)
+            rate = other_rate(length, motion.meta.get("read_from", {}).get("fps"), seconds)
             print(f"ha2g: {name} lasts {length:.1f} s, the sound {seconds:.1f} s{rate}", file=sys.stderr)

@@ -20,7 +20,6 @@ from ha2g_jax.motion.lower_body import JOINTS as LOWER_JOINTS
 from ha2g_jax.motion.lower_body import SOLE
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.readers import Reading, check_reading, read_content, read_motion, smplx, smplx_arrays
-from ha2g_jax.motion.readers.recordings import other_rate
 from ha2g_jax.motion.readers.smplx_arrays import NUM_SMPLH
 from ha2g_jax.motion.readers.smplx_body import JOINTS, Body, template
 from ha2g_jax.motion.resample import num_frames
@@ -131,9 +130,8 @@ def _check_length(path: pathlib.Path, frames: int, fps: float, count: int) -> No
     expected = num_frames(frames / fps, FPS)
     if abs(expected - count) > _MAX_DIFFERENCE * FPS:
         raise UserError(
-            f"{shown(path)} lasts {frames / fps:.2f} s, and the speech {count / FPS:.2f} s"
-            f"{other_rate(frames / fps, fps, count / FPS)}; expected a difference of at most {_MAX_DIFFERENCE:g} s: "
-            "give the motion of this speech"
+            f"{shown(path)} lasts {frames / fps:.2f} s, and the speech {count / FPS:.2f} s; expected a difference of "
+            f"at most {_MAX_DIFFERENCE:g} s: give the motion of this speech"
         )
 
 

@@ -272,7 +272,7 @@ def _read(path: pathlib.Path, skeleton: str, seconds: float, **options) -> Motio
     if has < seconds - _TOLERANCE:
         raise UserError(
             f"{shown(path)} has {has:.1f} s of motion for {seconds:.1f} s of sound"
-            f"{other_rate(has, motion.meta.get('read_from', {}).get('fps', motion.fps), seconds)}; give motion as long "
+            f"{other_rate(has, motion.meta.get('read_from', {}).get('fps'), seconds)}; give motion as long "
             f"as the sound, or cut all clips with --clip-seconds {max(MIN_SECONDS, int(has * 10) / 10):g}"
         )
     count = min(motion.num_frames, round(seconds * motion.fps) + 1)

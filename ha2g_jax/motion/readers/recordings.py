@@ -160,15 +160,17 @@ def compare_lengths(recording: MotionRecording, motion: float, fps: float, audio
     return f"{lengths}; cut to the shorter, without the last {abs(motion - sound):.1f} s of {longer}{rate}"
 
 
-def other_rate(motion: float, fps: float, sound: float) -> str:
+def other_rate(motion: float, fps: float | None, sound: float) -> str:
     """Return the end of a message that names the frame rate at which a motion would be as long as its sound.
 
     Args:
-        motion, sound: lengths in seconds, the former at `fps` frames per second.
+        motion, sound: lengths in seconds, the former at `fps` frames per second, None where its rate is beyond doubt.
 
     Returns:
         An empty text where there is no whole multiple or part of the rate, and no usual rate, that fits.
     """
+    if fps is None:
+        return ""
     rates = {*USUAL_RATES, *(fps * number for number in _MULTIPLES), *(fps / number for number in _MULTIPLES)}
     rate = min(rates, key=lambda rate: abs(motion * fps / rate - sound))
     is_near = abs(motion * fps / rate - sound) <= min(_MAX_DIFFERENCE, _MAX_ERROR * sound)
