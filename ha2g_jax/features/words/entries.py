@@ -39,6 +39,8 @@ _SECONDS = {
 }
 _UNITS = {name.strip(): seconds for seconds, names in _SECONDS.items() for name in names.split(",")}
 _NAME_PART = re.compile(r"[A-Z]?[a-zµ]+|[A-Z]+(?![a-z])|[0-9]+")
+# Vosk writes one object after the other.
+_BETWEEN_OBJECTS = re.compile(r"\}[ \t]*\n\s*\{")
 _MAX_ROW = 1 << 16
 # Speech has 5 to 25 letters a second; in milliseconds it seems to have a thousandth of that.
 _LEAST_LETTERS = 0.05
@@ -52,12 +54,15 @@ _DIALECTS: tuple[tuple[str, str, dict[str, str]], ...] = (
     ("whisperX", "word_segments", {}),
     ("Seamless Interaction", "metadata:transcript", {}),
     ("whisper.cpp", "transcription", {"start ms": "offsets.from", "end ms": "offsets.to"}),
+    ("whisper.cpp", "transcription", {"start": "timestamps.from", "end": "timestamps.to"}),
     ("transformers", "chunks", {"start": "timestamp.0", "end": "timestamp.1"}),
     ("Vosk", "result", {}),
     ("Vosk", "alternatives.0.result", {}),
     ("Vosk", "monologues.terms", {}),
     ("Rev", "monologues.elements", {}),
     ("Deepgram", "results.channels.alternatives.0.words", {}),
+    ("Deepgram", "results.utterances", {}),
+    ("Gladia", "result.transcription.utterances", {}),
     ("AWS Transcribe", "results.items", {"text": "alternatives.0.content"}),
     ("Google", "results.alternatives.0.words", {"start": "startOffset", "end": "endOffset"}),
     ("Google", "response.results.alternatives.0.words", {}),
@@ -219,7 +224,8 @@ def parse_json_words(text: str, path: pathlib.Path) -> list[Tier]:
         UserError: the text is not JSON of one of these programs.
     """
     try:
-        content = parse_json(text)
+        joined = _BETWEEN_OBJECTS.sub("},{", text)
+        content = parse_json(text if joined == text else f"[{joined}]")
         if isinstance(content, dict) and content.get("tiers"):
             return [Tier(name, _read(entries, {})) for name, entries in _tiers(content["tiers"])]
         # OpenAI's service returns segments without words, and a separate list of words.
@@ -255,7 +261,7 @@ def _under(value: Any, path: str) -> list[Any]:
         else:
             value = value.get(key) if isinstance(value, dict) else None
         path = rest
-    return value if isinstance(value, list) else [] if value is None else [value]
+    return value if isinstance(value, list) else [value] if isinstance(value, str | int | float) else []
 
 
 def _read(

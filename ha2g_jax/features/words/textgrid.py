@@ -124,12 +124,15 @@ def _listed(names: Iterable[str]) -> str:
 
 
 def _word_tier(tiers: Sequence[Tier], path: pathlib.Path, *, is_chosen: bool) -> list[Stretch]:
-    by_name = {tier.name.strip().lower(): tier for tier in reversed(tiers) if tier.stretches}
+    by_name: dict[str, Tier] = {}
+    for tier in tiers:
+        if tier.stretches:
+            by_name.setdefault(tier.name.strip().lower(), tier)
     if named := [by_name[name] for name in _WORD_NAMES if name in by_name]:
         return named[0].stretches
     alike = [tier for name, tier in by_name.items() if _IS_WORDS.search(name.replace("_", " "))]
     alike = alike or [tier for name, tier in by_name.items() if not _IS_PHONES.search(name)]
-    names = _listed(tier.name for tier in (alike or tiers)[::-1])
+    names = _listed(tier.name for tier in (alike or tiers))
     if not alike:
         raise UserError(f"{shown(path)} has no interval tier with words (tiers: {names}); name the tier `words`")
     longest = max(alike, key=lambda tier: len(tier.stretches))

@@ -16,75 +16,42 @@ def clock(time: float, mark: str) -> str:
     return f"{int(time) // 3600:02d}:{int(time) // 60 % 60:02d}:{time % 60:06.3f}".replace(".", mark)
 
 
-def cues(words, mark: str, label: str) -> str:
-    return "".join(
-        f"{number}\n{clock(start, mark)} --> {clock(end, mark)}\n{label}{text}\n\n"
-        for number, (text, start, end) in enumerate(words, 1)
-    )
+def cues(words, mark: str, label: str = "") -> str:
+    return "".join(f"{clock(a, mark)} --> {clock(b, mark)}\n{label}{text}\n\n" for text, a, b in words)
 
 
-def rows(words, separator: str, names: str, row) -> str:
-    return names + "".join(separator.join(map(str, row(*word))) + "\n" for word in words)
-
-
-def entries(words, make):
-    return [make(*word) for word in words]
+def rows(words, names: str, row: str) -> str:
+    """Return a table of rows in the format `row`, of a text, its start and end in seconds and in milliseconds."""
+    return names + "".join(row.format(t=t, a=a, b=b, A=ms(a), B=ms(b), D=ms(b) - ms(a)) + "\n" for t, a, b in words)
 
 
 def ms(time: float) -> int:
     return round(1000 * time)
 
 
-PLAIN = ("word", "start", "end")
 DIALECTS = {
     "whispercpp.json": lambda w: {
-        "transcription": entries(w, lambda t, a, b: {"offsets": {"from": ms(a), "to": ms(b)}, "text": f" {t}"})
-    },
-    "transformers.json": lambda w: {"chunks": entries(w, lambda t, a, b: {"text": f" {t}", "timestamp": [a, b]})},
-    "mfa.json": lambda w: {
-        "tiers": {"words": {"entries": entries(w, lambda t, a, b: [a, b, t])}, "phones": {"entries": [[0, 9, "AH"]]}}
-    },
-    "vosk.json": lambda w: [{"text": ""}, *({"result": [dict(zip(PLAIN, word))]} for word in w)],
-    "deepgram.json": lambda w: {
-        "results": {"channels": [{"alternatives": [{"words": entries(w, lambda *v: dict(zip(PLAIN, v)))}]}]}
-    },
-    "aws.json": lambda w: {
-        "results": {
-            "items": [
-                *entries(
-                    w, lambda t, a, b: {"start_time": f"{a}", "end_time": f"{b}", "alternatives": [{"content": t}]}
-                ),
-                {"type": "punctuation", "alternatives": [{"content": "."}]},
-            ]
-        }
-    },
-    "google.json": lambda w: {
-        "results": [
-            {
-                "alternatives": [
-                    {"words": entries(w, lambda t, a, b: {"startTime": f"{a}s", "endTime": f"{b}s", "word": t})}
-                ]
-            }
-        ]
-    },
-    "azure.json": lambda w: {
-        "phrases": entries(
-            w, lambda t, a, b: {"text": t, "offsetMilliseconds": ms(a), "durationMilliseconds": ms(b) - ms(a)}
-        )
-    },
-    "list.json": lambda w: entries(w, lambda t, a, b: {"text": t, "start": a, "duration": b - a}),
-    "assemblyai.json": lambda w: {"words": entries(w, lambda t, a, b: {"text": t, "start": ms(a), "end": ms(b)})},
-    "audacity.txt": lambda w: rows(w, "\t", "", lambda t, a, b: (f"{a:.6f}", f"{b:.6f}", t)),
-    "whisper.txt": lambda w: rows(w, "\t", "start\tend\ttext\n", lambda t, a, b: (ms(a), ms(b), t)),
-    "units.csv": lambda w: rows(
-        w, ",", "Speaker,Word,Duration (ms),start_s\n", lambda t, a, b: ("A", t, ms(b) - ms(a), a)
-    ),
-    "commas.csv": lambda w: rows(
-        w, ";", "text;score;end;start\n", lambda t, a, b: (t, "0,5", f"{b}".replace(".", ","), f"{a}".replace(".", ","))
-    ),
-    "mfa.csv": lambda w: rows(
-        w, ",", "Begin,End,Label,Type\n0,1,AH,phones\n", lambda t, a, b: (a, b, t, "words")
-    ),
+        "transcription": [{"offsets": {"from": ms(a), "to": ms(b)}, "text": f" {t}"} for t, a, b in w]},
+    "transformers.json": lambda w: {"chunks": [{"text": f" {t}", "timestamp": [a, b]} for t, a, b in w]},
+    "mfa.json": lambda w: {"tiers": {
+        "words": {"entries": [[a, b, t] for t, a, b in w]}, "phones": {"entries": [[0, 9, "AH"]]}}},
+    "vosk.json": lambda w: [{"text": ""}, *({"result": [{"word": t, "start": a, "end": b}]} for t, a, b in w)],
+    "deepgram.json": lambda w: {"results": {"channels": [{"alternatives": [
+        {"words": [{"word": t, "start": a, "end": b, "confidence": 1} for t, a, b in w]}]}]}},
+    "aws.json": lambda w: {"results": {"items": [
+        *({"start_time": f"{a}", "end_time": f"{b}", "alternatives": [{"content": t}]} for t, a, b in w),
+        {"type": "punctuation", "alternatives": [{"content": "."}]}]}},
+    "google.json": lambda w: {"results": [{"alternatives": [
+        {"words": [{"startTime": f"{a}s", "endTime": f"{b}s", "word": t} for t, a, b in w]}]}]},
+    "azure.json": lambda w: {"phrases": [
+        {"text": t, "offsetMilliseconds": ms(a), "durationMilliseconds": ms(b) - ms(a)} for t, a, b in w]},
+    "assemblyai.json": lambda w: {"words": [{"text": t, "start": ms(a), "end": ms(b)} for t, a, b in w]},
+    "list.json": lambda w: [{"text": t, "start": a, "duration": b - a} for t, a, b in w],
+    "audacity.txt": lambda w: rows(w, "", "{a:.6f}\t{b:.6f}\t{t}\n\\\t100.0\t2000.0"),
+    "whisper.txt": lambda w: rows(w, "start\tend\ttext\n", "{A}\t{B}\t{t}"),
+    "units.csv": lambda w: rows(w, "Speaker,Word,Duration (ms),start_s\n", "A,{t},{D},{a}"),
+    "commas.csv": lambda w: rows(w, "text;end;start\n", "{t};{b};{a}").replace(".", ","),
+    "mfa.csv": lambda w: rows(w, "Begin,End,Label,Type\n0,1,AH,phones\n", "{a},{b},{t},words"),
     "labels.srt": lambda w: cues(w, ",", "Jordan Rivers: "),
     "voices.txt": lambda w: "WEBVTT\n\n" + cues(w, ".", "<v Jordan Rivers>"),
     "long.txt": lambda w: text_grid(('the ""best"" words', [(a, b, t) for t, a, b in w])),
@@ -149,27 +116,27 @@ FOREIGN = {
 
 @pytest.mark.parametrize("encoding", TEXTS)
 def test_encodings_of_real_programs(tmp_path, encoding):
-    (tmp_path / "a.srt").write_bytes(cues([(TEXTS[encoding], 0, 1)], ",", "").encode(encoding))
-    (tmp_path / "b.srt").write_text(cues([(TEXTS[encoding], 0, 1)], ",", ""))
+    (tmp_path / "a.srt").write_bytes(cues([(TEXTS[encoding], 0, 1)], ",").encode(encoding))
+    (tmp_path / "b.srt").write_text(cues([(TEXTS[encoding], 0, 1)], ","))
     assert read_words(tmp_path / "a.srt") == read_words(tmp_path / "b.srt")
 
 
 @pytest.mark.parametrize("encoding", FOREIGN)
 def test_an_encoding_that_cannot_be_known_is_refused(tmp_path, encoding):
-    (tmp_path / "a.srt").write_bytes(cues([(FOREIGN[encoding], 0, 1)], ",", "").encode(encoding))
+    (tmp_path / "a.srt").write_bytes(cues([(FOREIGN[encoding], 0, 1)], ",").encode(encoding))
     with pytest.raises(UserError, match="in an encoding that cannot be known; save it as UTF-8"):
         read_words(tmp_path / "a.srt")
 
 
 def test_text_that_was_encoded_twice_is_mended(tmp_path):
-    text = cues([("café it’s soft\u00adly", 0, 1)], ",", "").encode().decode("cp1252")
+    text = cues([("café it’s soft\u00adly", 0, 1)], ",").encode().decode("cp1252")
     (tmp_path / "a.srt").write_bytes(text.encode() + b"\x1a")
     assert [word.text for word in read_words(tmp_path / "a.srt")] == ["café", "it's", "softly"]
 
 
 SPEAKERS = {
     "a.vtt": "WEBVTT\n\n00:00.000 --> 00:01.000\n<v Mary Ann>hello</v>\n<v Bob>yes</v>\n",
-    "a.srt": cues([("Mary Ann: hello", 0, 1), ("- Bob: yes", 1, 2)], ",", ""),
+    "a.srt": cues([("Mary Ann: hello", 0, 1), ("- Bob: yes", 1, 2)], ","),
     "a.json": json.dumps([{"start": i, "end": i + 0.4, "word": w, "speaker": s}
                           for i, (w, s) in enumerate([("hello", "Mary Ann"), ("yes", "Bob")])]),
     "a.TextGrid": text_grid(("Mary Ann - words", [(0, 1, "hello"), (1, 2, "too")]), ("Bob - words", [(0, 1, "yes")])),
