@@ -68,7 +68,7 @@ def add_reading(command: Any) -> None:
         help="true frames per second of files that do not say it, or say it wrongly",
     )
     command.add_argument(
-        "--unit", type=_metres, metavar="METRES", help="metres in one unit of the files (default: by the arms' length)"
+        "--unit", type=float, metavar="METRES", help="metres in one unit of the files (default: by the arms' length)"
     )
 
 
@@ -76,18 +76,6 @@ def reading(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the options of `add_reading` as keyword arguments of `motion.readers.read_motion`."""
     given = {name: getattr(arguments, name) for name in READING}
     return {name: value for name, value in given.items() if value is not None}
-
-
-def _metres(text: str) -> float | None:
-    if text == "auto":
-        return None
-    try:
-        metres = float(text)
-    except ValueError:
-        metres = 0.0
-    if not 0 < metres < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text[:40]!r} is not auto or metres, such as 0.01 for centimetres")
-    return metres
 
 
 def refuse_others(arguments: argparse.Namespace, allowed: Sequence[str], every: Sequence[str], kind: str) -> None:

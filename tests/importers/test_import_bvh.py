@@ -66,15 +66,6 @@ def test_one_file(recording, tmp_path):
     assert corpus.metadata["motion"] == {"joint map mixamo, unit 0.01 m, y up": 1}
 
 
-@pytest.mark.parametrize("per_metre", [1, 1000, 1 / 0.0254])
-def test_units(per_metre, recording, tmp_path):
-    """The same person in metres, millimetres and inches gives the same motion."""
-    plain = read_motion(recording(tmp_path, "plain"), EXPRESSIVE, fps=15)
-    other = read_motion(recording(tmp_path, "other", per_metre=per_metre), EXPRESSIVE, fps=15)
-    assert other.unit == pytest.approx(1 / per_metre) and plain.unit == 0.01
-    np.testing.assert_allclose(other.positions, plain.positions, atol=2e-4)  # six digits of a metre
-
-
 def test_a_unit_that_cannot_be(recording, tmp_path):
     path = recording(tmp_path, "talk", per_metre=6)
     with pytest.raises(UserError, match=r"talk\.bvh: it has arms 3\.3 units long .* \(--unit\)"):

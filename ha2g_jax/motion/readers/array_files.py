@@ -15,11 +15,11 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import naming, reason, shown
 from ha2g_jax.limits import MAX_MOTION_JOINTS
+from ha2g_jax.motion import rotations
 from ha2g_jax.motion.armature import export_axes
 from ha2g_jax.motion.motion import check_length
 from ha2g_jax.motion.readers import joint_maps
@@ -34,6 +34,7 @@ TABLE = ("fps", "joints", "frames")
 EXPECTED = "expected positions (T, J, 3), fps (or --source-fps) and joint_names (J,)"
 
 _MIN_LENGTH = 1e-6  # metres of a bone that has a direction
+_MAX_METRES = 1e4  # from the origin, in a table
 _MAX_PLACE = 1e9  # in any unit; the squares of greater numbers lose their digits
 _OURS_DOWN = "-y"  # the axis that points up where y points down
 _LISTED = 12
@@ -192,16 +193,19 @@ def read_table(content: Mapping[str, Any], path: pathlib.Path) -> Bvh:
         parents = tuple(int(joint["parent"]) for joint in joints)
         offsets = np.array([joint["offset"] for joint in joints], float).reshape(len(names), 3)
         places = np.array([frame["positions"][0] for frame in frames], float).reshape(len(frames), 3)
-        quaternions = np.array([frame["rotations"] for frame in frames], float)
-        angles = Rotation.from_quat(quaternions.reshape(-1, 4)).as_euler("ZXY", degrees=True)
-        motion = np.concatenate([places, angles.reshape(len(frames), 3 * len(names))], axis=1)
+        quaternions = np.array([frame["rotations"] for frame in frames], float).reshape(len(frames), len(names), 4)
         fps = float(content["fps"])
     except (KeyError, IndexError, ValueError, TypeError, OverflowError) as error:
         raise UserError(f"{shown(path)} is no table of ha2g export ({reason(error)}); export it again") from error
     if not all(-1 <= parent < index for index, parent in enumerate(parents)):
         raise UserError(f"{shown(path)} has a joint before its parent; export it again")
+    is_turn = np.abs(np.linalg.norm(np.clip(quaternions, -2, 2), axis=-1) - 1) < _MAX_ERROR
+    if not is_turn.all() or not (np.abs(np.concatenate([offsets, places])) <= _MAX_METRES).all():
+        raise UserError(f"{shown(path)} has values that are no rotations or no places; export it again")
     with naming(path):
         check_length(len(frames), fps)
+    angles = rotations.to_euler(rotations.unit(quaternions), "ZXY")
+    motion = np.concatenate([places, angles.reshape(len(frames), 3 * len(names))], axis=1)
     turns = ("Zrotation", "Xrotation", "Yrotation")
     channels = (("Xposition", "Yposition", "Zposition", *turns), *[turns] * (len(names) - 1))
     return Bvh(names, parents, offsets, channels, motion, fps)

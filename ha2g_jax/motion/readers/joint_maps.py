@@ -208,7 +208,7 @@ def _find(joint_map: JointMap, joints: Sequence[str], wanted: Sequence[str]) -> 
     found: dict[str, list[int]] = {}
     for ours in wanted:
         for name in joint_map.names.get(ours, ()):
-            alike = [exact[name]] if name in exact else plain.get(name.casefold(), [])
+            alike = [exact[name]] if name in exact else plain.get(_bare(name), [])
             if alike:
                 found.setdefault(ours, alike)
     return found
@@ -219,11 +219,16 @@ def _affixes(joint_map: JointMap, joints: Sequence[str]) -> list[tuple[str, str]
 
     These are the most frequent pair and those that are more than half as frequent, as of a second person in the file.
     """
-    names = {name.casefold() for several in joint_map.names.values() for name in several}
+    names = {_bare(name) for several in joint_map.names.values() for name in several} - {""}
     counts: collections.Counter[tuple[str, str]] = collections.Counter()
     for joint in map(str.casefold, joints):
         counts.update(joint.partition(name)[::2] for name in names if name in joint)
     return [affix for affix, count in counts.most_common() if 2 * count > max(counts.values())]
+
+
+def _bare(name: str) -> str:
+    """Return a name of a map without its namespace, in lower case."""
+    return name[max(name.rfind(":"), name.rfind("|")) + 1 :].casefold()
 
 
 def _plain(joint: str, affixes: Sequence[tuple[str, str]]) -> str:

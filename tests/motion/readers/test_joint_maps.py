@@ -66,8 +66,15 @@ def test_two_people_in_one_file():
 @pytest.mark.parametrize("suffix", [".yaml", ".json"])
 def test_a_map_of_ones_own(suffix, tmp_path):
     path = tmp_path / f"mine{suffix}"
-    lines = {"spine": "Chest", "neck": "Nacken", "head": ["Kopf", "Haupt"], "left_shoulder": "a", "left_elbow": "b"}
-    lines |= {"left_wrist": "c", "right_shoulder": "d", "right_elbow": "e", "right_wrist": 1}
+    lines = {"spine": "Chest", "neck": "rig:Nacken", "head": ["Kopf", "Haupt"], "left_shoulder": "a"}
+    lines |= {
+        "left_elbow": "b",
+        "left_hip": "",
+        "left_wrist": "c",
+        "right_shoulder": "d",
+        "right_elbow": "e",
+        "right_wrist": 1,
+    }
     lines |= {"unit": 0.01, "up": "z", "comment": "my actor " * 50}
     as_yaml = "\n".join(f"{key}: {json.dumps(value)}" for key, value in lines.items())
     path.write_text(json.dumps(lines) if suffix == ".json" else f"# my actor\n{as_yaml}")
