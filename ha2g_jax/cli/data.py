@@ -65,7 +65,7 @@ def _add_import(data: Any) -> None:
         "--speaker", type=stored_text, metavar="NAME", help="name of the speaker (default: by folders and files)"
     )
     motion.add_argument("--audio", type=pathlib.Path, metavar="FILE", help="sound, if SRC is one file")
-    motion.add_argument("--words", type=pathlib.Path, metavar="FILE", help="transcript, if SRC is one file")
+    motion.add_argument("--words", type=pathlib.Path, metavar="FILE", help="transcript or FILE#SPEAKER, for one SRC")
     motion.add_argument("--no-words", action="store_true", help="allow recordings without a transcript")
     add_reading(motion)
     motion.add_argument(

@@ -50,7 +50,7 @@ def add_commands(commands: Any) -> None:
     export.add_argument(
         "--audio", type=pathlib.Path, help="the speech, for video and page; its length, for .glb and .vrma"
     )
-    export.add_argument("--words", type=pathlib.Path, help="a transcript with times, for page and figure")
+    export.add_argument("--words", type=pathlib.Path, help="transcript or FILE#SPEAKER, for page and figure")
     export.add_argument(
         "--names", nargs="+", metavar="NAME", help="names of the motions (default: the names of the files)"
     )

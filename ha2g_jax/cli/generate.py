@@ -54,7 +54,7 @@ def add_commands(commands: Any) -> None:
     command.add_argument("--seed", type=read_seed, default=0, help="seed of all random choices (default: 0)")
     command.add_argument("--fps", type=float, help="frames per second of the motion, 1 to 240 (default: the model's)")
     command.add_argument(
-        "--words", type=pathlib.Path, help="transcript, for a model that reads words (default: beside the speech)"
+        "--words", type=pathlib.Path, help="transcript, or FILE#SPEAKER, for a model that reads words (default: beside)"
     )
     command.add_argument(
         "--size", default="720", metavar="WIDTHxHEIGHT", help="pixels of the video; one number for both (default: 720)"

@@ -139,7 +139,7 @@ def _in_seconds(stretches: Sequence[Stretch]) -> list[Stretch]:
 
 
 def is_table(text: str) -> bool:
-    """Return whether each line has two times and a text, as in label tracks of Audacity, or a first line names them."""
+    """Return whether most lines have two times and a text, as in labels of Audacity, or the first names such columns."""
     lines = [line for line in text.split("\n") if line.strip() and not line.startswith("\\")]
     separator = _separator(lines[0]) if lines else ""
     if not separator or len(lines[0]) > _MAX_ROW:
@@ -148,7 +148,7 @@ def is_table(text: str) -> bool:
     if {"start", "text"} <= names.keys() and ("end" in names or "duration" in names):
         return True
     rows = (line.split(separator, 2) for line in lines)
-    return all(len(row) == 3 and _is_number(row[0]) and _is_number(row[1]) for row in rows)
+    return 2 * sum(len(row) == 3 and _is_number(row[0]) and _is_number(row[1]) for row in rows) > len(lines)
 
 
 def parse_table(text: str, path: pathlib.Path) -> list[Tier]:

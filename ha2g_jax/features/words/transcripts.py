@@ -18,11 +18,10 @@ from ha2g_jax.features.words.textgrid import Tier, choose, parse_textgrid
 from ha2g_jax.features.words.timing import inside, to_words
 from ha2g_jax.files.reading import shown
 
-# Formats with a time for each word come first, a text without times last.
-_PREFERENCE = (".textgrid", ".json", ".tsv", ".csv", ".vtt", ".srt", ".txt")
 _LANGUAGE = re.compile(r"\.[a-z]{2,3}(?:-[a-zA-Z]{2,8})?")
 
 _Parse = Callable[[str, pathlib.Path], list[Tier]]
+# Formats with a time for each word come first, a text without times last.
 _BY_SUFFIX: dict[str, _Parse] = {
     ".textgrid": parse_textgrid,
     ".json": parse_json_words,
@@ -31,6 +30,7 @@ _BY_SUFFIX: dict[str, _Parse] = {
     ".vtt": parse_subtitles,
     ".srt": parse_subtitles,
 }
+_PREFERENCE = (*_BY_SUFFIX, ".txt")
 # How files begin, whatever their suffix.
 _BY_BEGINNING: dict[str, _Parse] = {
     r"WEBVTT\b": parse_subtitles,

@@ -76,6 +76,7 @@ HOSTILE = {
     "deep.json": (b'{"segments":' + b"[" * 100_000, "nested too deep"),
     "nan.json": (b'{"segments":[{"start":NaN,"end":2,"text":"a"}]}', "the times nan to 2 s"),
     "reversed.tsv": (b"start\tend\tword\n2\t1\ta\n", "2 to 1 s"),
+    "row.txt": (b"0.1\t0.2\ta\n0.2\t0.3\tb\n0.3\tc\n", "line 3, has 2 columns instead of 3"),
     "row.tsv": (b"start\tend\tword\n1\t2\n", "line 2, has 2 columns instead of 3"),
     "million.TextGrid": (LONG_GRID.replace("size = 6", "size = 1000000000").encode(), "declares 1000000000 intervals"),
     "words.docx": (b"hello there", "expected one of .TextGrid"),
