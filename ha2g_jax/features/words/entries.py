@@ -139,7 +139,7 @@ def _in_seconds(stretches: Sequence[Stretch]) -> list[Stretch]:
 
 
 def is_table(text: str) -> bool:
-    """Return whether most lines have two times and a text, as in labels of Audacity, or the first names such columns."""
+    """Return whether most lines have two times and a text, as Audacity's labels, or the first names such columns."""
     lines = [line for line in text.split("\n") if line.strip() and not line.startswith("\\")]
     separator = _separator(lines[0]) if lines else ""
     if not separator or len(lines[0]) > _MAX_ROW:
