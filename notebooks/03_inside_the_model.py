@@ -29,13 +29,13 @@ keep_programs()  # compiled programs are kept for the next run, as the command h
 
 import itertools
 
+import inspection
 import matplotlib.pyplot as plt
 import numpy as np
 
 import ha2g_jax
 from ha2g_jax import figure
 from ha2g_jax.data.talk import grammar
-from ha2g_jax.evaluation import inspection
 from ha2g_jax.features import audio, spectrum
 from ha2g_jax.features import espeak as speech
 from ha2g_jax.skeleton import directions_to_positions

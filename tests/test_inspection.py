@@ -1,10 +1,10 @@
 """What is shown of the inside of a model is what the model computes when it generates."""
 
+import inspection
 import numpy as np
 import pytest
 
 from ha2g_jax import synthesis
-from ha2g_jax.evaluation import inspection
 from ha2g_jax.features.text import Word
 
 WORDS = (Word("one", 0.3, 0.6), Word("two", 1.2, 1.5), Word("three", 2.6, 2.9))
