@@ -347,7 +347,9 @@ def _wrists(corpus: Corpus, recorded: np.ndarray | None) -> Iterator[str]:
 
 def _training(corpus: Corpus) -> list[dict[str, Any]]:
     """Return the fields of the first clips of training; audio and images stay compressed."""
-    clips = corpus.clips(TRAIN) if corpus.has_clips(TRAIN) else []
+    if not corpus.has_clips(TRAIN):
+        return []
+    clips = corpus.clips(TRAIN)
     return [clips.fields(index) for index in range(min(len(clips), _MAX_DESCRIBED))]
 
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import threadpoolctl
@@ -397,13 +397,14 @@ def number(value: float) -> float | None:
     return float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None
 
 
-def score_as_json(score: Estimate | float | None) -> dict[str, float | None]:
+def score_as_json(score: Score) -> dict[str, float | None]:
     """Return {"value", "low", "high"} of a score that needs no bootstrap, with "error" where it has a standard error.
 
     The bounds are 1.96 standard errors below and above the value; a number has none.
     """
     if not isinstance(score, Estimate):
-        return _as_json(Interval(math.nan if score is None else score, math.nan, math.nan))
+        number = cast("float | None", score)
+        return _as_json(Interval(math.nan if number is None else number, math.nan, math.nan))
     value, error = score
     bounds = (value, value - _Z * error, value + _Z * error, error)
     return {

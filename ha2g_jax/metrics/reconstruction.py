@@ -157,8 +157,8 @@ def _correlation_with_truth(row: Row) -> Statistic | None:
     if not row.has_counterpart or reference.num_recordings < 2:
         return None
     names = reference.recordings[row.numbers]
-    sides = ([clip[SEED_FRAMES:] for clip in side] for side in (row.positions, row.true_positions))
-    pairs = canonical_pairs(*sides, names, seed=reference.seed)
+    found, true = ([clip[SEED_FRAMES:] for clip in side] for side in (row.positions, row.true_positions))
+    pairs = canonical_pairs(found, true, names, seed=reference.seed)
     together = np.concatenate([np.zeros((0, 2)), *pairs.values()])
     if len(together) < 2:
         return None

@@ -108,7 +108,7 @@ def _draw(lines: Sequence[Line], width: float) -> Any:
             if not name.startswith(VALIDATION):
                 series = [(steps, running_mean(steps, values, width)) for steps, values in series]
             if series:
-                style = {"color": f"C{number % 10}", "gid": f"line-{number}"}
+                style: Any = {"color": f"C{number % 10}", "gid": f"line-{number}"}
                 steps, means = align_seeds(series)
                 axes.plot(steps, np.nanmean(means, axis=0), ".-" if len(steps) == 1 else "-", label=line.label, **style)
                 if len(series) > 1:

@@ -27,7 +27,8 @@ def joint_mae(skeleton, generated, real) -> float:
 
 
 def acceleration_error(skeleton, generated, real, fps) -> float:
-    return reconstruction.acceleration_error(*positions(skeleton, generated, real), fps)
+    found, true = positions(skeleton, generated, real)
+    return reconstruction.acceleration_error(found, true, fps)
 
 
 def positions(skeleton, *motions: np.ndarray) -> list[np.ndarray]:

@@ -106,7 +106,7 @@ def durations(clips: Sequence[Clip]) -> np.ndarray:
     return np.array([max(clip.end - clip.start, 0.0) for clip in clips])
 
 
-def harmonic_mean(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+def harmonic_mean(first: np.ndarray | float, second: np.ndarray | float) -> np.ndarray:
     """Return 2 a b / (a + b), 0 where both are 0."""
     total = first + second
     return 2 * first * second / np.where(total == 0, 1, total)

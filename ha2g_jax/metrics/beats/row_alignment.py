@@ -57,7 +57,7 @@ def clip_counts(row: Row) -> dict[str, float]:
     found = row.once(row_alignment)
     if found is None:
         return {}
-    used, silent = (found.own.take(is_silent == found.own.is_silent) for is_silent in (False, True))
+    used, silent = (found.own.take(np.equal(found.own.is_silent, is_silent)) for is_silent in (False, True))
     num_onsets, num_beats, seconds = used.num_onsets.sum(), used.num_beats.sum(), used.seconds.sum()
     recall = used.onset_sum.sum() / num_onsets if num_onsets else np.nan
     precision = used.beat_sum.sum() / num_beats if num_beats else 0 * recall

@@ -46,7 +46,11 @@ def mean_angle_change(skeleton: Skeleton, clips: Iterable[np.ndarray]) -> np.nda
 
 
 def angle_change_rates(
-    skeleton: Skeleton, clips: Sequence[np.ndarray], change: np.ndarray | None = None, *, fps: float = CHANGE_FPS
+    skeleton: Skeleton,
+    clips: Sequence[np.ndarray] | np.ndarray,
+    change: np.ndarray | None = None,
+    *,
+    fps: float = CHANGE_FPS,
 ) -> list[np.ndarray]:
     """Compute the angle change rate (Eq. 13), the mean over pairs of |theta_j(t + 1) - theta_j(t)| / MAAC(theta_j).
 

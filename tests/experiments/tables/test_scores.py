@@ -61,9 +61,9 @@ def test_the_voice_is_left_out(corpus, library):
 
 def test_sweep_over_thresholds_is_each_threshold_alone():
     rng = np.random.default_rng(0)
-    rates, onsets = rng.uniform(0.8, 1.2, (30, 60)), rng.uniform(0, 4, (30, 8))
+    rates, onsets = list(rng.uniform(0.8, 1.2, (30, 60))), list(rng.uniform(0, 4, (30, 8)))
     recordings = np.arange(30) // 2
-    found = sweep(list(rates), list(onsets), recordings, 15)
+    found = sweep(rates, onsets, recordings, 15)
     for index in (0, 2, 29):
         clips = make_clips(rates, onsets, 15, threshold=THRESHOLDS[index])
         assert found["own"][index] == pytest.approx(align(clips).f.mean())

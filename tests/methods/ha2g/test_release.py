@@ -1,6 +1,7 @@
 """The networks of the public code: sizes of the description, what a level sees, and what an identity changes."""
 
 import functools
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -25,7 +26,7 @@ DISCRIMINATOR = {"ted_gesture": 253_950, "ted_expressive": 258_702}
 TEXT = 1_454_432
 
 
-def _spec(data, size="", method="release", **changes):
+def _spec(data, size="", method="release", **changes: Any):
     return build(presets.make(data, size, method, changes), load_skeleton(data), WORDS, SPEAKERS)
 
 
