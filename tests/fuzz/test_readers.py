@@ -5,6 +5,7 @@ import io
 import json
 import pathlib
 import struct
+import tempfile
 import zlib
 from collections.abc import Callable
 from typing import Any
@@ -128,12 +129,17 @@ def motions() -> dict[str, bytes]:
 
 
 def plain_motions() -> dict[str, bytes]:
-    """Positions alone, as other programs write them."""
-    positions, borders = swaying(GESTURE.name, FRAMES, size=0.2).positions, np.array([2, 4])
+    """Positions alone, as other programs write them, and a table of ours."""
+    motion = swaying(GESTURE.name, FRAMES, size=0.2)
+    positions, borders = motion.positions, np.array([2, 4])
+    with tempfile.TemporaryDirectory() as folder:
+        export(motion, pathlib.Path(folder, "x.json"), rig="vrm")
+        own = pathlib.Path(folder, "x.json").read_bytes()
     table = {"fps": 15.0, "joint_names": list(GESTURE.joints), "positions": positions.tolist(), "borders": [2, 4]}
     return {
         "m.npz": npz(positions=positions, fps=15.0, joint_names=np.array(GESTURE.joints), borders=borders),
         "m.json": json.dumps(table).encode(),
+        "x.json": own,
     }
 
 
