@@ -110,4 +110,4 @@ def test_the_other_identity_keeps_the_blend_and_draws_the_styles():
 
 def test_settings_of_other_networks_are_refused():
     with pytest.raises(UserError, match=r"config\.model\."):
-        _spec("ted_gesture", "debug", **{"model.inferer.levels": (1, 3)})
+        _spec("ted_gesture", "debug", "release", **{"model.inferer.levels": (1, 3)})
