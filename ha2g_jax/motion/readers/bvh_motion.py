@@ -15,6 +15,7 @@ from ha2g_jax.motion.lower_body import JOINTS as LOWER_JOINTS
 from ha2g_jax.motion.lower_body import LowerBody
 from ha2g_jax.motion.readers.body import (
     ARM,
+    FACE,
     MAX_MINUTES,
     add_face,
     arm_length,
@@ -27,7 +28,7 @@ from ha2g_jax.motion.readers.body import (
     to_skeleton_axes,
 )
 from ha2g_jax.motion.readers.bvh import Bvh, read_bvh
-from ha2g_jax.motion.readers.joint_maps import AUTO, HEAD, choose_map, find_legs
+from ha2g_jax.motion.readers.joint_maps import AUTO, HEAD, choose_map, find, find_legs
 from ha2g_jax.motion.resample import moments_at
 from ha2g_jax.skeleton import Skeleton
 
@@ -181,8 +182,10 @@ def to_motion(
         )
     names, places = choose_map(bvh.joints, skeleton, joint_map, path)
     legs = find_legs(names, bvh.joints, path)
-    own = [joint for joint in places if joint != HEAD]
-    found = [*(places[joint] for joint in own), places[HEAD]]
+    shown_face = [joint for joint in FACE if joint in skeleton.joints]
+    face = {} if HEAD in shown_face else find(names, bvh.joints, shown_face, path)  # there it is another joint
+    own = [*(joint for joint in places if joint != HEAD), *face]
+    found = [*((places | face)[joint] for joint in own), places[HEAD]]
     with naming(path):
         world, rotations = world_motion(bvh, fps or bvh.fps, [*found, *(legs.values() if with_legs else ())])
         positions = np.zeros((len(world), skeleton.num_joints, 3))
@@ -191,7 +194,8 @@ def to_motion(
         unit = _find_unit(positions, skeleton, unit or names.unit)
         positions *= unit
         up = names.up or find_up(positions, skeleton)
-        positions = add_face(positions, world[:, len(own)] * unit, rotations[len(own)], skeleton, up=up)
+        if len(face) < len(shown_face):
+            positions = add_face(positions, world[:, len(own)] * unit, rotations[len(own)], skeleton, up=up)
         lower = None
         if with_legs and legs:
             places_of_legs = world[:, len(found) :] * unit
