@@ -31,6 +31,18 @@ MAX_CARD_BYTES = 1_048_576
 MAX_ONNX_BYTES = 268_435_456
 """Size of an ONNX file; the size of the paper takes 157 MB in float32."""
 
+MAX_ONNX_GRAPH_BYTES = 1 << 20
+"""Bytes of an ONNX file beside weights and metadata; the size of the paper takes 65 kB."""
+
+MAX_ONNX_METADATA_BYTES = 20 << 20
+"""Letters of the metadata of an ONNX file; the demo has 119,000."""
+
+MAX_ONNX_VALUES = 100_000_000
+"""Values that all nodes of an ONNX file compute for a window; the size of the paper in int8 has 91 million."""
+
+MAX_ONNX_PRODUCTS = 1 << 33
+"""Multiplications of an ONNX file for a window; the size of the paper takes 4 thousand million."""
+
 MAX_TORCH_BYTES = 1 << 31
 """Size of an archive of weights of PyTorch, which is mapped and not read; the state of an optimiser triples it."""
 

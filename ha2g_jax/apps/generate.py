@@ -14,7 +14,7 @@ from ha2g_jax.checkpoint.onnx.reading import SUFFIX as ONNX
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import has_sound
 from ha2g_jax.features.text import Word
-from ha2g_jax.files.reading import check_regular, reading, shown, why_not_there
+from ha2g_jax.files.reading import check_regular, reading, resolved, shown, why_not_there
 from ha2g_jax.files.writing import check_kept, whole_file
 from ha2g_jax.motion import formats, rigs
 from ha2g_jax.motion.motion import Motion
@@ -175,13 +175,13 @@ def _check_distinct(tasks: list[Task]) -> None:
     writers: dict[pathlib.Path, pathlib.Path] = {}
     for task in tasks:
         for path in task.paths:
-            resolved = path.resolve()
-            if resolved in writers:
+            real = resolved(path)
+            if real in writers:
                 raise UserError(
-                    f"{shown(writers[resolved])} and {shown(task.speech)} would both be written to {shown(path)}; "
+                    f"{shown(writers[real])} and {shown(task.speech)} would both be written to {shown(path)}; "
                     "generate them one after the other, with another --out"
                 )
-            writers[resolved] = task.speech
+            writers[real] = task.speech
 
 
 def load(checkpoint: str | pathlib.Path, backend: str | None = None) -> Generator[Any]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ha2g_jax.cli.parser import add_reading, reading, refuse_others
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import shown
+from ha2g_jax.files.reading import resolved, shown
 from ha2g_jax.files.writing import check_kept
 
 if TYPE_CHECKING:
@@ -166,7 +166,7 @@ def names_of(paths: Sequence[pathlib.Path]) -> list[str]:
         UserError: a file is given twice.
     """
     names = [shown(path.stem) for path in paths]
-    for name in (lambda path: f"{path.parent.resolve().name}/{path.stem}", lambda path: path):
+    for name in (lambda path: f"{resolved(path.parent).name}/{path.stem}", lambda path: path):
         counts = collections.Counter(names)
         names = [old if counts[old] == 1 else shown(name(path)) for old, path in zip(names, paths, strict=True)]
     if len(set(names)) < len(names):

@@ -20,6 +20,7 @@ from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.recording import Report, SplitReport
 from ha2g_jax.data.records import STORED_NAMES
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import resolved
 
 # Entries that `CorpusWriter` adds to the description of a corpus.
 _WRITTEN = ("schema_version", "skeleton", "fps", "speakers", "splits", "statistics", "words")
@@ -75,7 +76,7 @@ def _check_that_they_fit(corpora: list[Corpus]) -> None:
         raise UserError(f"{len(corpora)} corpus to merge; give at least two")
     first = corpora[0]
     for number, corpus in enumerate(corpora):
-        if any(corpus.path.samefile(other.path) for other in corpora[:number]):
+        if any(resolved(corpus.path) == resolved(other.path) for other in corpora[:number]):
             raise UserError(f"{corpus.path} is given twice; name each corpus once")
         if corpus.skeleton.name != first.skeleton.name:
             raise UserError(
@@ -123,7 +124,7 @@ def _labels(corpora: list[Corpus]) -> list[str]:
     """Return the name of each folder, with a number from the second folder of the same name on."""
     labels: list[str] = []
     for corpus in corpora:
-        name, number = corpus.path.resolve().name, 2
+        name, number = resolved(corpus.path).name, 2
         label = name
         while label in labels:
             label, number = f"{name}-{number}", number + 1

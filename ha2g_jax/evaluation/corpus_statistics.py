@@ -12,6 +12,7 @@ from ha2g_jax.data import recording
 from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.data.recording import SplitReport, seen
 from ha2g_jax.data.records import WINDOW_FRAMES, frames_at
+from ha2g_jax.files.reading import resolved
 from ha2g_jax.skeleton import Skeleton, bone_lengths, hand_joints, joint_angles, load_skeleton, positions_to_directions
 
 # Inner angles of TED-Expressive in degrees, with the values that the paper calls variances (HA2G, Table 10). They are
@@ -80,7 +81,7 @@ def summarise(path: str | os.PathLike) -> dict[str, Any]:
                     _count(paces, PACE_EDGES, 60 * len(fields["words"]) / seconds)
                 progress.update()
     return {
-        "name": str(corpus.metadata.get("name", corpus.path.resolve().name)),
+        "name": str(corpus.metadata.get("name", resolved(corpus.path).name)),
         "source": str(corpus.metadata.get("source", "")),
         "licence": str(corpus.metadata.get("licence", "")),
         "skeleton": corpus.skeleton.name,

@@ -14,7 +14,7 @@ from ha2g_jax.evaluation.evaluate import LEVEL, evaluate, measure, score_as_json
 from ha2g_jax.evaluation.motion_folders import BEAT2, find_motions, from_folders, score_beat2
 from ha2g_jax.evaluation.table import PARTS
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
-from ha2g_jax.files.reading import shown
+from ha2g_jax.files.reading import resolved, shown
 from ha2g_jax.metrics.beats import strokes
 from ha2g_jax.metrics.row import SEED_FRAMES
 from ha2g_jax.motion.readers import Reading, check_reading
@@ -256,14 +256,14 @@ def _choose_splits(corpus: Corpus) -> list[str]:
 
 
 def _folder_name(folder: str | os.PathLike) -> str:
-    return shown(pathlib.Path(folder).resolve().name)
+    return shown(resolved(folder).name)
 
 
 def _row_names(folders: Sequence[str | os.PathLike]) -> list[str]:
     """Return the name of each folder, with that of the folder above where two are alike."""
     found = [_folder_name(folder) for folder in folders]
     names = [
-        name if found.count(name) == 1 else f"{_folder_name(pathlib.Path(folder).resolve().parent)}/{name}"
+        name if found.count(name) == 1 else f"{_folder_name(resolved(folder).parent)}/{name}"
         for name, folder in zip(found, folders, strict=True)
     ]
     if len(set(names)) < len(names):

@@ -45,6 +45,11 @@ def shown(path: str | os.PathLike) -> str:
     return f"{text[: MAX_NAME_LENGTH // 2]}...{text[-MAX_NAME_LENGTH // 2 :]}"
 
 
+def resolved(path: str | os.PathLike) -> pathlib.Path:
+    """Return a path as an absolute one without links; a link to itself stays, and is an error where it is read."""
+    return pathlib.Path(os.path.realpath(path))
+
+
 def why_not_there(path: str | os.PathLike) -> str:
     """Return what stands in the place of a file that has not arrived yet, and what to do; empty if the file is there.
 

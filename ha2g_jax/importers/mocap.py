@@ -19,7 +19,7 @@ from ha2g_jax.data.processes import parallel_map
 from ha2g_jax.data.recording import MOCAP, Recording, Report, SplitReport, cut, to_clips
 from ha2g_jax.data.records import Clip
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import shown
+from ha2g_jax.files.reading import resolved, shown
 from ha2g_jax.motion.readers import Reading, joint_maps
 from ha2g_jax.motion.readers.body import UPS, check_stated
 from ha2g_jax.motion.readers.bvh_motion import read_motion
@@ -117,7 +117,7 @@ def import_bvh(
     if (joint_map := reading.get("joint_map", joint_maps.AUTO)) != joint_maps.AUTO:
         joint_maps.load_map(joint_map)  # report an error of the map once, not for each file
     read = functools.partial(_read_bvh, options=options, reading=reading)
-    name = shown(src.resolve().name)
+    name = shown(resolved(src).name)
     return _import_files(recordings, read, dst, options, name=name, source=f"BVH files: {name}")
 
 
@@ -175,7 +175,7 @@ def import_smplx(
     stated = {"source_fps": source_fps, "unit": unit, "up": up}
     read = functools.partial(_read_smplx, options=options, body=body, stated=stated)
     joints = "neutral template" if model is None else f"body model {shown(pathlib.Path(model).name)}"
-    name = shown(src.resolve().name)
+    name = shown(resolved(src).name)
     return _import_files(recordings, read, dst, options, name=name, source=f"SMPL-X files: {name}, {joints}")
 
 

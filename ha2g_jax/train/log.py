@@ -18,6 +18,7 @@ import tqdm
 from ha2g_jax.checkpoint.model_folder import config_to_json
 from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError, require
+from ha2g_jax.files.reading import resolved
 from ha2g_jax.files.writing import writing
 from ha2g_jax.train import run_record
 from ha2g_jax.train.step import Metrics
@@ -142,7 +143,7 @@ class WandbRun:
             self._run = wandb.init(
                 project=project,
                 id=run_record.wandb_id(workdir),
-                name=workdir.resolve().name,
+                name=resolved(workdir).name,
                 resume="allow",
                 dir=workdir,
                 config=config_to_json(config),

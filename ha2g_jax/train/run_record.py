@@ -22,7 +22,7 @@ from ha2g_jax.checkpoint.model_folder import config_to_json
 from ha2g_jax.config.settings import Config
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import read_json, reason
+from ha2g_jax.files.reading import read_json, reason, resolved
 from ha2g_jax.files.writing import whole_file
 from ha2g_jax.layers.cpu.onednn.library import used_version
 from ha2g_jax.limits import MAX_RECORD_BYTES
@@ -55,7 +55,7 @@ def write(workdir: pathlib.Path, config: Config, step: int, corpus: Corpus) -> N
         "seeds": {"run": config.seed},
         "hardware": _hardware(),
         # dataset.json contains the hashes of all shards.
-        "corpus": {"path": str(corpus.path.resolve()), "sha256": hashlib.sha256(dataset).hexdigest()},
+        "corpus": {"path": str(resolved(corpus.path)), "sha256": hashlib.sha256(dataset).hexdigest()},
     }
     _write(workdir, record | {"config": config_to_json(config), "starts": [*record["starts"], start]})
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from ha2g_jax.checkpoint import CONFIG, FAILED, LATEST, RUN
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import read_json, reading, reason, shown
+from ha2g_jax.files.reading import read_json, reading, reason, resolved, shown
 from ha2g_jax.limits import MAX_CONFIG_BYTES, MAX_RECORD_BYTES
 from ha2g_jax.train.workdir import LOCK, METRICS, is_training, read_metrics
 
@@ -114,9 +114,9 @@ def read_runs(workdirs: Iterable[pathlib.Path]) -> list[Run]:
 
     Runs are named by their paths below the folder that all are in.
     """
-    resolved = list({path.resolve(): path for path in workdirs})
-    top = pathlib.Path(os.path.commonpath([path.parent for path in resolved])) if resolved else pathlib.Path()
-    return [_read_run(path, shown(path.relative_to(top))) for path in resolved]
+    paths = list({resolved(path): path for path in workdirs})
+    top = pathlib.Path(os.path.commonpath([path.parent for path in paths])) if paths else pathlib.Path()
+    return [_read_run(path, shown(path.relative_to(top))) for path in paths]
 
 
 def _read_run(path: pathlib.Path, name: str) -> Run:

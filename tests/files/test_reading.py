@@ -8,6 +8,7 @@ import os
 
 import pytest
 
+from ha2g_jax import cli
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import read_audio
 from ha2g_jax.features.pictures import read_picture
@@ -116,3 +117,26 @@ def test_contexts_that_overlap_restore_the_standard_error(capfd):
     after = os.fstat(2)
     assert (after.st_dev, after.st_ino) == (before.st_dev, before.st_ino)
     assert capfd.readouterr().err == "heard\n"
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["study", "make", "loop", "other", "-o", "study"],
+        ["data", "merge", "loop", "other", "merged"],
+        ["evaluate", "--motion", "loop", "--reference", "other"],
+        ["data", "import", "loop", "corpus"],
+        ["generate", "loop", "-o", "a.npz"],
+        ["runs", "loop"],
+        ["export", "loop", "-o", "a.bvh"],
+    ],
+)
+def test_a_link_to_itself_is_said_in_a_line(tmp_path, monkeypatch, capsys, command):
+    monkeypatch.chdir(tmp_path)
+    for name, target in (("loop", "loop"), ("other", "back"), ("back", "other")):
+        (tmp_path / name).symlink_to(target)
+    with contextlib.suppress(SystemExit):
+        assert cli.main(command) == 2
+    error = capsys.readouterr().err
+    assert "loop" in error and "Traceback" not in error and "an error of ha2g" not in error
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["back", "loop", "other"]

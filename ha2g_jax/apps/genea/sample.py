@@ -12,7 +12,7 @@ from ha2g_jax.apps.generate import read_words
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.motion_folders import clip_of, find_motions
 from ha2g_jax.files.npz import read_npz
-from ha2g_jax.files.reading import naming, shown
+from ha2g_jax.files.reading import naming, resolved, shown
 from ha2g_jax.limits import MAX_MOTION_BYTES, MAX_SEED
 from ha2g_jax.motion import rigs, solver
 from ha2g_jax.motion.formats.tables import arrays_of
@@ -234,7 +234,7 @@ class FromFiles:
 
     @property
     def facts(self) -> dict[str, Any]:
-        return {"motion": shown(self._folder.resolve().name)}
+        return {"motion": shown(resolved(self._folder).name)}
 
     def samples(self, clip: Clip) -> Iterator[tuple[Sample, dict[str, Any]]]:
         for path in sorted(self._paths[clip.name], key=_number):

@@ -32,7 +32,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.motion_folders import find_motions, find_sounds, sound_key
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.features.espeak import Voice, say
-from ha2g_jax.files.reading import file_sha256, shown
+from ha2g_jax.files.reading import file_sha256, resolved, shown
 from ha2g_jax.files.writing import check_new, whole_folder
 from ha2g_jax.limits import MAX_SEED
 from ha2g_jax.motion.formats.video import VIDEO_FPS, check_size, fit_view, write_video
@@ -158,7 +158,7 @@ def name_systems(folders: Sequence[str]) -> dict[str, pathlib.Path]:
     for text in folders:
         name, equals, folder = text.partition("=")
         if not equals or pathlib.Path(text).is_dir():
-            name, folder = pathlib.Path(text).resolve().name, text
+            name, folder = resolved(text).name, text
         name = shown(name).strip()
         if not name or not folder:
             raise UserError(f"{shown(text)} names no system and folder; give DIR or NAME=DIR")

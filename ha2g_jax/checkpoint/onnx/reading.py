@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ha2g_jax.checkpoint import assets as assets_module
 from ha2g_jax.checkpoint.assets import Assets
+from ha2g_jax.checkpoint.onnx import bounds
 from ha2g_jax.errors import require
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.spectrum import FFT_SIZE, FLOOR_DB, HOP_LENGTH, NUM_MELS, window_columns
 from ha2g_jax.files.reading import check_regular, parse_json, read_bytes, reading, reason
-from ha2g_jax.limits import MAX_ASSETS_BYTES, MAX_CHANNELS, MAX_ONNX_BYTES, MAX_WINDOW_FRAMES
+from ha2g_jax.limits import MAX_CHANNELS, MAX_ONNX_BYTES, MAX_ONNX_METADATA_BYTES, MAX_WINDOW_FRAMES
 
 if TYPE_CHECKING:
     import onnx
@@ -89,8 +90,8 @@ def from_metadata(metadata: Mapping[str, str]) -> Description:
     """
     if metadata.get("format") != FORMAT:
         raise ValueError("not written by ha2g model onnx, or of another version")
-    if sum(map(len, metadata.values())) > MAX_ASSETS_BYTES:
-        raise ValueError(f"more than {MAX_ASSETS_BYTES} characters of metadata")
+    if sum(map(len, metadata.values())) > MAX_ONNX_METADATA_BYTES:
+        raise ValueError(f"more than {MAX_ONNX_METADATA_BYTES} characters of metadata")
     texts = {name: metadata[name] for name in _TEXTS}
     if any(len(text) > _MAX_TEXT or not text.isprintable() for text in texts.values()):
         raise ValueError("a text of the metadata is too long or cannot be printed")
@@ -134,12 +135,15 @@ def read(path: str | pathlib.Path) -> tuple[Description, Parts]:
     """
     library = require("onnx", "onnx", by=BY)
     from google.protobuf.message import DecodeError
+    from onnx.shape_inference import InferenceError
     from onnx.utils import Extractor
 
     path = pathlib.Path(path)
     check_regular(path, _EXPECTED)
-    with reading(path, _EXPECTED, DecodeError):
-        model = library.load_model_from_string(read_bytes(path, _EXPECTED, MAX_ONNX_BYTES))
+    with reading(path, _EXPECTED, DecodeError, InferenceError, LookupError):
+        content = read_bytes(path, _EXPECTED, MAX_ONNX_BYTES)
+        bounds.check_bytes(content)
+        model = library.load_model_from_string(content)
         try:
             description = from_metadata({it.key: it.value for it in model.metadata_props})
         except KeyError as error:
@@ -148,6 +152,7 @@ def read(path: str | pathlib.Path) -> tuple[Description, Parts]:
             raise ValueError(reason(error)) from error
         _check_graph(model)
         _check_ends(model.graph, description)
+        bounds.check_cost(model)
         extractor = Extractor(model)
         features = list[str](FEATURES)
         encoder = extractor.extract_model(["mel"], features).SerializeToString()
@@ -169,7 +174,10 @@ def _check_graph(model: "onnx.ModelProto") -> None:
             raise ValueError(f"an attribute of {node.op_type}, which no model of HA2G has")
     if any(tensor.external_data or tensor.data_location for tensor in graph.initializer):
         raise ValueError("weights in another file")
-    made = [*(it.name for it in graph.initializer), *(name for node in graph.node for name in node.output)]
+    made = [
+        *(it.name for it in (*graph.input, *graph.initializer)),
+        *(name for node in graph.node for name in node.output),
+    ]
     used = [name for node in graph.node for name in (node.name, *node.input)]
     if len(set(made)) < len(made) or not all(name.isascii() for name in made + used):
         raise ValueError("two values of one name, or names that are not ASCII")

@@ -10,7 +10,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features import words as transcripts
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.features.text import Word
-from ha2g_jax.files.reading import reading, shown
+from ha2g_jax.files.reading import reading, resolved, shown
 from ha2g_jax.motion.readers.bvh import USUAL_RATES
 from ha2g_jax.motion.readers.smplx_arrays import EMBODY_BODY
 
@@ -81,7 +81,7 @@ def find_recordings(
         raise UserError(f"{shown(src)} holds two recordings that would both be called {twice}; rename one")
     in_folders = any(path.parent != root for path in paths)
     folders = [path.parent for path in paths]
-    speakers = [speaker or shown(path.parent.resolve().name if in_folders else path.stem) for path in paths]
+    speakers = [speaker or shown(resolved(path.parent).name if in_folders else path.stem) for path in paths]
     sound, text = (None if file is None else pathlib.Path(file) for file in (audio, words))
     return [
         MotionRecording(path, name, own, sound, text, folders.count(path.parent) == 1)

@@ -1,8 +1,13 @@
 """ONNX files that are damaged, hostile or of another kind are refused in one line before a runtime sees them."""
 
+import resource
+import subprocess
+import sys
+
+import numpy as np
 import onnx
 import pytest
-from onnx import TensorProto, helper
+from onnx import TensorProto, helper, numpy_helper
 from onnx.external_data_helper import set_external_data
 
 from ha2g_jax import cli
@@ -58,7 +63,73 @@ def without_features(model):
     del model.graph.value_info[:]
 
 
+def with_nodes(model, *nodes, **constants):
+    """Add nodes before the others, operators with their inputs; the output of each is its number."""
+    for name, values in constants.items():
+        model.graph.initializer.append(numpy_helper.from_array(np.asarray(values), name))
+    for number, (op, inputs, attributes) in reversed(list(enumerate(nodes))):
+        model.graph.node.insert(0, helper.make_node(op, inputs, [str(number)], name=f"n{number}", **attributes))
+
+
+def doubled(start):
+    """Return a damage: the value `start` doubled by 28 nodes, whose sizes the file states wrongly."""
+
+    def damage(model):
+        names = [start, *map(str, range(28))]
+        with_nodes(model, *(("Concat", [name] * 2, {"axis": 1}) for name in names[:-1]), c=np.ones((1, 64), np.float32))
+        for name in names[1:]:
+            model.graph.value_info.append(helper.make_tensor_value_info(name, TensorProto.FLOAT, [1, 64]))
+
+    return damage
+
+
+def padded(*pads):
+    return lambda model: with_nodes(model, ("Pad", ["style", "pads"], {}), pads=np.array(pads))
+
+
+def multiplied(rows):
+    """Return a damage: matrices of one or many rows multiplied 20,000 times."""
+
+    def damage(model):
+        sides = {"rows": np.ones((rows, 500), np.float32), "matrix": np.ones((500, 500), np.float32)}
+        names = ["rows", *map(str, range(19_999))]
+        with_nodes(model, *(("MatMul", [name, "matrix"], {}) for name in names), **sides)
+
+    return damage
+
+
+def of_computed_size(model):
+    with_nodes(model, ("Cast", ["style"], {"to": 7}), ("Pad", ["mel", "0"], {}))
+
+
+def with_a_large_kernel(model):
+    kernel = np.ones((4, 1, 400, 400), np.float32)
+    nodes = ("Unsqueeze", ["style", "axes"], {}), ("Pad", ["0", "pads"], {}), ("Conv", ["1", "kernel"], {})
+    with_nodes(model, *nodes, axes=[1, 2], pads=[0, 0, 0, 0, 0, 0, 999, 999], kernel=kernel)
+
+
+def with_a_long_sequence(model):
+    constants = {name: np.ones((1, 900, 300), np.float32) for name in "wr"} | {"x": np.ones((20_000, 1, 300), "f")}
+    with_nodes(model, ("GRU", ["x", "w", "r"], {"hidden_size": 300}), **constants)
+
+
+def with_a_weight_that_is_not_there(model):
+    model.graph.initializer[0].dims[0] += 1
+
+
 DAMAGES = {
+    doubled("c"): "a window takes .* values",
+    doubled("style"): "a window takes .* values",
+    padded(0, 0, 0, 2**31): "an integer above 1073741824",
+    padded(0, 2**62, 0, 2**62): "an integer above 1073741824",
+    padded(0, 0, 0, 2**30): "a window takes .* values",
+    multiplied(1): "values and .* multiplications",
+    multiplied(500): "values and .* multiplications",
+    of_computed_size: "depends on its values",
+    with_a_large_kernel: "values and .* multiplications",
+    with_a_long_sequence: "values and .* multiplications",
+    with_a_weight_that_is_not_there: "weights of shape",
+    lambda model: setattr(model, "doc_string", "x" * 2**20): "more than 1048576 bytes beside weights",
     elsewhere: "weights in another file",
     with_loop: "the operator 'Loop', which no model",
     with_other_domain: "the operator 'Relu', which no model",
@@ -99,8 +170,8 @@ def test_a_file_that_is_cut_short_is_refused(content, tmp_path, cut, capsys):
 def test_weights_that_do_not_fit_are_refused_by_the_runtime_in_one_line(model, tmp_path, capfd):
     from ha2g_jax.synthesis import load_onnx
 
-    tensor = next(it for it in model.graph.initializer if it.name.startswith("stem"))
-    tensor.dims[0] += 1
+    gru = next(it for it in model.graph.node if it.op_type == "GRU")
+    gru.input[2] = gru.input[3]
     (tmp_path / "model.onnx").write_bytes(model.SerializeToString())
     with pytest.raises(UserError, match=r"model.onnx cannot be used \(.*\); export the model again"):
         load_onnx(tmp_path / "model.onnx")
@@ -116,3 +187,18 @@ def test_a_folder_a_missing_file_and_a_large_one_are_refused(content, tmp_path, 
     monkeypatch.setattr(reading, "MAX_ONNX_BYTES", len(content) - 1)
     with pytest.raises(UserError, match="too large for an ONNX file"):
         reading.read(tmp_path / "model.onnx")
+
+
+@pytest.mark.parametrize("message", [b"\x0a\x00", b"\x2a\x00"])
+def test_millions_of_empty_messages_take_no_memory(tmp_path, message):
+    """Nodes or weights, each of two bytes in the file and a hundred in memory: read in a process of its own."""
+    count = 15_000_000
+    size, digits = 2 * count, b""
+    while size:
+        digits, size = digits + bytes([size & 127 | (128 if size > 127 else 0)]), size >> 7
+    (tmp_path / "model.onnx").write_bytes(b"\x3a" + digits + message * count)
+    command = [sys.executable, "-m", "ha2g_jax.cli", "generate", "a.wav", "--checkpoint", "model.onnx"]
+    before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2 and "bytes beside weights and metadata" in done.stderr
+    assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss <= max(before, 700_000)  # KiB, on Linux
