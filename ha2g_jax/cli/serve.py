@@ -41,7 +41,11 @@ def add_commands(commands: Any) -> None:
         "HA2G_TOKEN, which other users of the machine do not see)",
     )
     serve.add_argument(
-        "--origin", action="append", default=[], metavar="URL", help="web page of another host that may use the service"
+        "--origin",
+        action="append",
+        default=[],
+        metavar="URL",
+        help="host to answer to, or other web page that may use it",
     )
     serve.add_argument(
         "--workers", type=positive, default=_DEFAULT.workers, help="processes, one for each core (default: %(default)g)"

@@ -4,9 +4,11 @@ import contextlib
 import json
 import pathlib
 import queue
+import socket
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -26,6 +28,7 @@ from ha2g_jax.viewer.page import figure_message, frames_message, live_page
 
 PAGE = "/page"  # where the page connects that the sink serves
 _WAITING = 30  # messages that a page may be behind before it misses some
+_SILENT = 2.0  # seconds in which a page takes none of so many messages, after which it is dropped
 _POLL = 0.1  # seconds until a connection notices that the run has ended
 _AGAIN = 1.0  # seconds between two descriptions of the joints, for receivers that start later
 VMC_PORT, VMC_RIG = 39539, "unity"
@@ -74,35 +77,70 @@ class UdpSink:
         self._socket.close()
 
 
+class _Page:
+    """A page that is connected to a sink.
+
+    Attributes:
+        messages: what it has not been sent yet.
+        is_own: whether it is the page that the sink serves.
+        full_since: time at which the messages were too many, None since it has taken one.
+    """
+
+    def __init__(self, connection: Any) -> None:
+        self._connection, self.is_own = connection, connection.request.path == PAGE
+        self.messages = queue.Queue[str](_WAITING)
+        self.full_since: float | None = None
+
+    def send(self, text: str) -> None:
+        """Send a message, and wait until the network has taken it."""
+        self._connection.send(text)
+        self.full_since = None
+
+    def put(self, text: str) -> bool:
+        """Let a message wait, or leave it out if too many wait; return whether the page still reads."""
+        with contextlib.suppress(queue.Full):
+            self.messages.put_nowait(text)
+            return True
+        self.full_since = self.full_since or time.monotonic()
+        return time.monotonic() - self.full_since < _SILENT
+
+    def drop(self, sink: str) -> None:
+        """End the connection, for which a thread may be waiting, and say so."""
+        with contextlib.suppress(OSError):
+            self._connection.socket.shutdown(socket.SHUT_RDWR)
+        host, port, *_ = self._connection.remote_address
+        tqdm.write(f"{sink} drops the page at {host}, port {port}, which does not read", file=sys.stderr)
+
+
 class WebSocketSink:
     """Server that sends JSON to every page that connects: the joints first, then the frames.
 
     The page that is served at the same address, which connects to `PAGE`, gets messages of `viewer.page` instead.
-    A page that reads too slowly misses frames; neither the run nor other pages wait for it.
+    A page that reads too slowly misses frames, and one that does not read is dropped; neither the run nor other pages
+    wait for it.
     """
 
     def __init__(self, address: Address, rig: str) -> None:
         self.name, self.rig = str(address), rig
-        self._lock, self._pages = threading.Lock(), list[tuple[queue.Queue[str], bool]]()
+        self._lock, self._pages = threading.Lock(), set[_Page]()
         self._greetings, self._is_closed = ("", ""), False
 
     def serve(self, connection: Any) -> None:
         """Send messages to a page until it leaves or the run ends."""
-        messages, is_own = queue.Queue[str](_WAITING), connection.request.path == PAGE
-        is_greeted = False
+        page, is_greeted = _Page(connection), False
         with self._lock:
-            self._pages.append((messages, is_own))
+            self._pages.add(page)
         try:
-            while connection.close_code is None and not (self._is_closed and messages.empty()):
+            while connection.close_code is None and not (self._is_closed and page.messages.empty()):
                 with contextlib.suppress(queue.Empty):
-                    message = messages.get(timeout=_POLL)
+                    message = page.messages.get(timeout=_POLL)
                     if not is_greeted:
-                        connection.send(self._greetings[is_own])
+                        page.send(self._greetings[page.is_own])
                         is_greeted = True
-                    connection.send(message)
+                    page.send(message)
         finally:
             with self._lock:
-                self._pages.remove((messages, is_own))
+                self._pages.discard(page)
 
     def send(self, frame: Frame) -> None:
         animation = frame.animations[self.rig]
@@ -111,17 +149,25 @@ class WebSocketSink:
             self._greetings = (joints_message(animation), figure)
         with self._lock:
             pages = tuple(self._pages)
-        kinds = {is_own for _, is_own in pages}
+        kinds = {page.is_own for page in pages}
         texts = {False: frame_message(frame, animation)} if False in kinds else {}
         if True in kinds:
             texts[True] = _json(frames_message(frame.number, frame.directions[None]))
-        for messages, is_own in pages:
-            with contextlib.suppress(queue.Full):
-                messages.put_nowait(texts[is_own])
+        self._drop(page for page in pages if not page.put(texts[page.is_own]))
 
     def close(self) -> None:
-        """Let the connections end when they have sent what waits."""
+        """Let the connections end when they have sent what waits; drop those that take longer."""
         self._is_closed = True
+        end = time.monotonic() + _SILENT
+        while self._pages and time.monotonic() < end:
+            time.sleep(_POLL)
+        self._drop(tuple(self._pages))
+
+    def _drop(self, pages: Iterable[_Page]) -> None:
+        for page in pages:
+            with self._lock:
+                self._pages.discard(page)
+            page.drop(self.name)
 
 
 def joints_message(animation: Animation) -> str:

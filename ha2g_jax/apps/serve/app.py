@@ -1,6 +1,8 @@
 """The application: its routes of HTTP, and errors as one line of JSON."""
 
 import asyncio
+import errno
+import logging
 import pathlib
 import shutil
 import tempfile
@@ -15,6 +17,7 @@ from fastapi.responses import JSONResponse
 from prometheus_client import CONTENT_TYPE_LATEST
 from starlette.datastructures import UploadFile
 from starlette.exceptions import HTTPException
+from starlette.formparsers import MultiPartException
 from starlette.requests import ClientDisconnect
 
 from ha2g_jax import __version__
@@ -24,7 +27,7 @@ from ha2g_jax.apps.serve.messages import MotionQuery, one_line
 from ha2g_jax.apps.serve.service import Full, Service, Stopped
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import read_audio
-from ha2g_jax.files.reading import shown
+from ha2g_jax.files.reading import reason, shown
 from ha2g_jax.motion import formats
 from ha2g_jax.synthesis import Audio
 from ha2g_jax.viewer.page import live_page
@@ -32,6 +35,8 @@ from ha2g_jax.viewer.page import live_page
 TYPES = {"npz": "application/zip", "json": "application/json", "csv": "text/csv", "bvh": "text/plain"}
 _BINARY = "model/gltf-binary"  # glb and vrma
 _RETRY_SECONDS = 5
+_NO_FORM = "the body is not a form with one file 'speech'; send one as multipart/form-data"
+_FULL_DISK = (errno.ENOSPC, errno.EDQUOT)
 _FORM: dict[str, Any] = {
     "requestBody": {
         "required": True,
@@ -51,6 +56,8 @@ _RESPONSES: dict[int | str, dict[str, Any]] = {
     200: {"description": "file of the motion", "content": {kind: {} for kind in (*TYPES.values(), _BINARY)}},
     "default": {"description": "the reason as one line, see docs/serving.md", "content": {"application/json": _ERROR}},
 }
+
+_logger = logging.getLogger(__name__)
 
 # The decoder of MP3 is silenced by exchanging the standard error of the process, which one thread may do at a time.
 _reading = threading.Lock()
@@ -77,6 +84,7 @@ def create_app(service: Service) -> FastAPI:
     _add_motion(app, service)
     app.include_router(streams.router(service))
     app.exception_handler(UserError)(_user_error)
+    app.exception_handler(OSError)(_system_error)
     app.exception_handler(RequestValidationError)(_bad_query)
     app.exception_handler(HTTPException)(_http_error)
     app.exception_handler(Exception)(_server_error)
@@ -84,8 +92,18 @@ def create_app(service: Service) -> FastAPI:
     return app
 
 
-async def _user_error(_: Request, error: UserError) -> JSONResponse:
+async def _user_error(request: Request, error: UserError) -> JSONResponse:
+    if isinstance(error.__cause__, OSError):  # the file of the motion cannot be written
+        return await _system_error(request, error.__cause__)
     return refusal(422, str(error))
+
+
+async def _system_error(_: Request, error: OSError) -> JSONResponse:
+    """Answer that the disk is full or the folder of temporary files is gone, and log it as one line."""
+    _logger.error("no file can be written: %s", reason(error).lower())
+    if error.errno in _FULL_DISK:
+        return refusal(507, "the disk of the service is full; try again later", _RETRY_SECONDS)
+    return refusal(503, "the service cannot write temporary files; its log has the reason", _RETRY_SECONDS)
 
 
 async def _bad_query(_: Request, error: RequestValidationError) -> JSONResponse:
@@ -134,18 +152,22 @@ def _add_motion(app: FastAPI, service: Service) -> None:
 
 async def _answer(service: Service, request: Request, query: MotionQuery) -> Response:
     settings, options = service.settings, query.options()
-    limited = Request(request.scope, _limited(request, settings.max_bytes))
+    # Without the application in it, the message of a parser is an exception of its own.
+    scope = {name: value for name, value in request.scope.items() if name != "app"}
+    limited = Request(scope, _limited(request, settings.max_bytes))
     try:
         async with asyncio.timeout(settings.upload_seconds):
             form = await limited.form(max_files=1, max_fields=0)
     except TimeoutError:
         raise HTTPException(408, f"the upload took more than {settings.upload_seconds:g} s") from None
+    except MultiPartException:
+        raise HTTPException(400, _NO_FORM) from None
     except ClientDisconnect:
         raise HTTPException(400, "the client left during its upload") from None
     try:
         upload = form.get("speech")
         if not isinstance(upload, UploadFile):
-            raise HTTPException(422, "the form has no file 'speech'; send one as multipart/form-data")
+            raise HTTPException(422, _NO_FORM)
         name = shown(pathlib.PurePath(upload.filename or "speech").name or "speech")
         start = time.monotonic()
         content = await service.compute(_file, service, upload.file, name, query.format, options)

@@ -1,6 +1,7 @@
 """What every request passes first: the rate of its client, its host, its origin and its token."""
 
 import hmac
+import ipaddress
 import math
 import time
 import urllib.parse
@@ -41,18 +42,21 @@ class Guard:
         self._rates = Rates(service.settings.rate)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        answer = self._app if scope["path"] == OPEN else self._refusal(scope) or self._app
+        answer = self._refusal(scope) or self._app
         await answer(scope, receive, self._counting(scope["path"], send))
 
     def _refusal(self, scope: Scope) -> JSONResponse | None:
         settings, headers = self._service.settings, Headers(scope=scope)
+        host, origin = headers.get("host", ""), headers.get("origin")
+        if not _is_known(host, settings):
+            return refusal(
+                421, "the service does not answer to this host; name it with --host, or --origin http://HOST"
+            )
+        if scope["path"] == OPEN:
+            return None
         wait = self._rates.wait(scope["client"][0] if scope.get("client") else "")
         if wait:
             return refusal(429, f"more than {settings.rate:g} requests a minute; try again later", wait)
-        host, origin = headers.get("host", ""), headers.get("origin")
-        # A page of another site may have pointed the name of its own host at this machine.
-        if settings.token is None and _name(host) not in _LOOPBACK:
-            return refusal(403, "without a token the service answers only to localhost and its addresses")
         if origin is not None and not _is_allowed(origin, host, settings):
             return refusal(403, "a page of this origin may not use the service; allow it with --origin")
         token = None if scope["path"] == PAGE else settings.token
@@ -113,8 +117,27 @@ def _is_allowed(origin: str, host: str, settings: Settings) -> bool:
     return origin in settings.origins or (bool(host) and origin in (f"http://{host}", f"https://{host}"))
 
 
-def _name(host: str) -> str:
+def _is_known(host: str, settings: Settings) -> bool:
+    """Return whether the host of a request is loopback, or one that the user has named.
+
+    A page of another site may have pointed the name of its own host at this machine; it cannot do so with an address,
+    nor leave out the host, as probes of health do. Without a token such requests are refused all the same.
+    """
+    name = _name(f"//{host}")
+    if name in (*_LOOPBACK, settings.host.lower(), *map(_name, settings.origins)) and name:
+        return True
+    return settings.token is not None and (not host or _is_address(name))
+
+
+def _is_address(name: str) -> bool:
     try:
-        return urllib.parse.urlsplit(f"//{host}").hostname or ""
+        return bool(ipaddress.ip_address(name))
+    except ValueError:
+        return False
+
+
+def _name(url: str) -> str:
+    try:
+        return urllib.parse.urlsplit(url).hostname or ""
     except ValueError:
         return ""

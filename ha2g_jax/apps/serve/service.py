@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import os
+import pathlib
 from collections.abc import Callable, Coroutine, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -55,6 +56,7 @@ class Counters:
         if FOLDER not in os.environ:
             return generate_latest(self._registry)
         registry = CollectorRegistry()
+        pathlib.Path(os.environ[FOLDER]).stat()  # raises an OSError where the folder is gone
         MultiProcessCollector(registry)
         return generate_latest(registry)
 

@@ -83,7 +83,7 @@ class Child:
         control, theirs = socket.socketpair()
         control.setblocking(False)
         counts = pathlib.Path(folder) / "counters"
-        counts.mkdir(exist_ok=True)
+        counts.mkdir(parents=True, exist_ok=True)
         with theirs:
             process = await asyncio.create_subprocess_exec(
                 *(sys.executable, "-m", "ha2g_jax.apps.serve.server", str(theirs.fileno())),

@@ -7,6 +7,7 @@ import pathlib
 import socket
 import subprocess
 import sys
+import time
 import urllib.error
 import urllib.request
 
@@ -97,14 +98,42 @@ def test_a_browser_gets_a_page_and_the_page_the_poses_of_the_model(make_frames, 
             np.testing.assert_allclose(np.reshape(message["frames"], (-1, 3)), frame.directions, atol=5.1e-5)
 
 
-def test_a_page_that_reads_slowly_misses_frames_and_nobody_waits_for_it(make_frames, free_port, monkeypatch):
+def test_a_page_that_does_not_read_is_dropped_by_name(make_frames, free_port, monkeypatch, capsys):
+    (frame,), url, count = make_frames(1, "ha2g"), f"ws://127.0.0.1:{free_port()}", 400
+    monkeypatch.setattr(sinks, "frame_message", lambda frame, animation: "x" * 100_000)
+    monkeypatch.setattr(sinks, "_SILENT", 0.2)
+    with contextlib.ExitStack() as pages, contextlib.ExitStack() as stack:
+        (sink,) = open_sinks([url], stack).senders
+        stuck = pages.enter_context(connect(url, max_queue=1, close_timeout=0.1))
+        reader = pages.enter_context(connect(url, max_queue=None))
+        while len(sink._pages) < 2:  # type: ignore[attr-defined]
+            pass
+        for number in range(count):  # 40 MB
+            sink.send(frame)
+            assert len(reader.recv(timeout=5)) == 100_000 or number == 0
+            time.sleep(0.002)
+        assert len(reader.recv(timeout=5)) == 100_000
+        assert len(sink._pages) == 1  # type: ignore[attr-defined]
+        port = stuck.socket.getsockname()[1]
+        assert capsys.readouterr().err.splitlines()[1:] == [
+            f"{url} drops the page at 127.0.0.1, port {port}, which does not read"
+        ]
+
+
+def test_a_run_ends_although_a_page_does_not_read(make_frames, free_port, monkeypatch):
     (frame,), url = make_frames(1, "ha2g"), f"ws://127.0.0.1:{free_port()}"
     monkeypatch.setattr(sinks, "frame_message", lambda frame, animation: "x" * 100_000)
+    monkeypatch.setattr(sinks, "_SILENT", 0.5)
     with contextlib.ExitStack() as pages, contextlib.ExitStack() as stack:
         (sink,) = open_sinks([url], stack).senders
         pages.enter_context(connect(url, max_queue=1, close_timeout=0.1))
-        for _ in range(300):  # 30 MB
+        while not sink._pages:  # type: ignore[attr-defined]
+            pass
+        for _ in range(300):  # 30 MB, of which most frames are missed
             sink.send(frame)
+        begun = time.monotonic()
+        stack.close()
+        assert time.monotonic() - begun < 5
 
 
 @pytest.mark.parametrize(

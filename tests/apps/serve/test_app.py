@@ -1,6 +1,7 @@
 """HTTP over real sockets: files of motion, the page, and who may use the service, how often."""
 
 import base64
+import errno
 import hashlib
 import json
 import re
@@ -52,8 +53,13 @@ def test_a_bad_request_is_answered_with_one_line(client, name):
 
 
 def test_a_body_that_is_no_form_with_one_file_is_refused(client):
-    assert client.ask("POST", "/v1/motion", b"{}", {"Content-Type": "application/json"}).status == 422
-    assert client.ask("POST", "/v1/motion", b"x", {"Content-Type": "multipart/form-data"}).status == 400
+    for kind, status in (
+        ("application/json", 422),
+        ("multipart/form-data", 400),
+        ("application/x-www-form-urlencoded", 400),  # its parser says "Too many fields."
+    ):
+        answer = client.ask("POST", "/v1/motion", b"a=b", {"Content-Type": kind})
+        assert answer.status == status and answer.error.startswith("the body is not a form with one file 'speech'")
     assert client.ask("POST", "/v1/motion", b"", {"Content-Length": "1e9"}).status == 400
     assert client.ask("GET", "/v1/motion").status == 405
     assert client.post("", wav(0.3), name="sound").status == 422
@@ -117,8 +123,71 @@ def test_pages_of_other_hosts_are_refused(debug_model):
                 assert begin(websocket)["fps"] == 15
         assert client.post("", wav(0.3), Origin="null").status == 403
         for path in ("/", "/metrics"):
-            assert client.ask("GET", path, None, {"Host": "evil.example"}).status == 403
             assert client.ask("GET", path, None, {"Origin": "https://evil.example"}).status == 403
+
+
+HOSTS = {  # of a request -> status without a token, and with one
+    "127.0.0.1:8000": (200, 200),
+    "LOCALHOST": (200, 200),
+    "[::1]:8000": (200, 200),
+    "named.example:443": (200, 200),
+    "10.1.2.3:8000": (421, 200),  # a probe of Kubernetes; no page can make its own name an address
+    "[fd00::1]": (421, 200),
+    "": (421, 200),
+    "evil.example": (421, 421),
+    "localhost.evil.example": (421, 421),
+    "localhost@evil.example": (421, 421),
+    "[::1": (421, 421),
+}
+
+
+@pytest.mark.parametrize("token", [None, TOKEN])
+def test_hosts_are_named_or_loopback(debug_model, token):
+    """A page whose own name was pointed at this machine has a host and an origin that are equal."""
+    with running(debug_model, origins=("https://named.example",), token=token) as client:
+        for host, statuses in HOSTS.items():
+            headers = {"Host": host, "Authorization": f"Bearer {token}"}
+            for path in ("/health", "/", "/metrics"):
+                assert client.ask("GET", path, None, headers).status == statuses[token is not None], (host, path)
+        own = {"Host": "evil.example", "Origin": "http://evil.example"}
+        answer = client.post("", wav(0.3), **own, Authorization=f"Bearer {token}")
+        assert answer.status == 421 and "name it with --host, or --origin" in answer.error
+        with socket.create_connection(("127.0.0.1", client.port), timeout=20) as plain:
+            handshake = "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+            key = "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
+            names = f"Host: evil.example\r\nOrigin: http://evil.example\r\n{handshake}{key}"
+            plain.sendall(f"GET /v1/stream?token={token} HTTP/1.1\r\n{names}".encode())
+            assert plain.recv(100).startswith(b"HTTP/1.1 421 ")
+
+
+FAULTS = {
+    "full disk": (OSError(errno.ENOSPC, "No space left on device"), 507, "the disk of the service is full"),
+    "quota": (OSError(errno.EDQUOT, "Disk quota exceeded"), 507, "the disk of the service is full"),
+    "read-only": (OSError(errno.EROFS, "Read-only file system"), 503, "cannot write temporary files"),
+}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+@pytest.mark.parametrize("where", ["tempfile.TemporaryDirectory", "shutil.copyfileobj", "pathlib.Path.replace"])
+def test_a_disk_that_takes_nothing_is_a_sentence_and_a_line(client, monkeypatch, caplog, name, where):
+    error, status, message = FAULTS[name]
+
+    def fail(*_, **__):
+        raise error
+
+    monkeypatch.setattr(where, fail)
+    answer = client.post("", wav(0.3))
+    assert answer.status == status and message in answer.error and "/tmp" not in answer.error
+    (line,) = caplog.records
+    assert error.strerror.lower() in line.getMessage() and line.exc_info is None
+
+
+def test_the_folder_of_temporary_files_may_be_removed(client, tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr(client.service, "folder", str(tmp_path / "gone"))
+    monkeypatch.setenv("PROMETHEUS_MULTIPROC_DIR", str(tmp_path / "gone"))
+    for answer in (client.post("", wav(0.3)), client.ask("GET", "/metrics")):
+        assert answer.status == 503 and "cannot write temporary files" in answer.error
+    assert len(caplog.records) == 2 and not any(line.exc_info for line in caplog.records)
 
 
 def test_each_address_has_its_rate():

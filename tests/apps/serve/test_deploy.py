@@ -37,6 +37,7 @@ def test_probes_ask_the_route_that_needs_no_token():
     for name in ("startupProbe", "readinessProbe", "livenessProbe"):
         assert CONTAINER[name]["httpGet"] == {"path": OPEN, "port": "http"}
     assert f"http://127.0.0.1:{parsed([]).port}{OPEN}" in DOCKERFILE
+    assert parsed(CONTAINER["args"]).origin == [f"http://{SERVICE['metadata']['name']}"]  # 421 otherwise
     (port,) = CONTAINER["ports"]
     assert port == {"name": "http", "containerPort": parsed([]).port}
     assert SERVICE["spec"]["ports"][0]["targetPort"] == "http"

@@ -167,11 +167,10 @@ def test_a_file_that_is_cut_short_is_refused(content, tmp_path, cut, capsys):
     assert ("is not an ONNX file" if cut else "is an empty file") in captured.err
 
 
-def test_weights_that_do_not_fit_are_refused_by_the_runtime_in_one_line(model, tmp_path, capfd):
+def test_what_the_runtime_refuses_is_said_in_one_line(model, tmp_path, capfd):
     from ha2g_jax.synthesis import load_onnx
 
-    gru = next(it for it in model.graph.node if it.op_type == "GRU")
-    gru.input[2] = gru.input[3]
+    model.ir_version = 99
     (tmp_path / "model.onnx").write_bytes(model.SerializeToString())
     with pytest.raises(UserError, match=r"model.onnx cannot be used \(.*\); export the model again"):
         load_onnx(tmp_path / "model.onnx")
@@ -197,6 +196,7 @@ def test_millions_of_empty_messages_take_no_memory(tmp_path, message):
     while size:
         digits, size = digits + bytes([size & 127 | (128 if size > 127 else 0)]), size >> 7
     (tmp_path / "model.onnx").write_bytes(b"\x3a" + digits + message * count)
+    (tmp_path / "a.wav").write_bytes(b"RIFF")
     command = [sys.executable, "-m", "ha2g_jax.cli", "generate", "a.wav", "--checkpoint", "model.onnx"]
     before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
