@@ -44,13 +44,11 @@ def plan(
 ) -> list[Task]:
     """Return what is read and written; no two files share a path, and each file of speech can be opened.
 
-    Args:
-        speech, out, suffix: see `generate_files`.
-        others: paths of the files that are read beside the speech.
+    The arguments are those of `generate_files`; `others` are the paths of files that are read beside the speech.
 
     Raises:
-        UserError: there is no speech, a file cannot be opened, the folder of the results cannot be written, a suffix is
-            unknown, two results would have one path, or a result would overwrite a file that is read.
+        UserError: there is no speech, a file cannot be opened, a result cannot be written, or would overwrite another
+            one or a file that is read, or a suffix is unknown.
     """
     inputs = [pathlib.Path(path) for path in ([speech] if isinstance(speech, Path) else speech)]
     if not inputs:
@@ -132,7 +130,6 @@ def find_transcript(speech: pathlib.Path) -> pathlib.Path | None:
 
 
 def _in_folder(folder: pathlib.Path) -> list[pathlib.Path]:
-    """Return the files with sound of a folder by name, without what was generated from the others before."""
     files = _files_in(folder)
     speech = _speech_among(files)
     for path in files:
@@ -148,7 +145,6 @@ def _in_folder(folder: pathlib.Path) -> list[pathlib.Path]:
 
 
 def _files_in(folder: pathlib.Path) -> list[pathlib.Path]:
-    """Return the files of a folder by name, without hidden ones."""
     with reading(folder, "a folder of recordings"):
         return sorted(path for path in folder.iterdir() if path.is_file() and not path.name.startswith("."))
 
@@ -189,8 +185,8 @@ def load(checkpoint: str | pathlib.Path, backend: str | None = None) -> Generato
 
     Args:
         checkpoint: a file of `ha2g model onnx`, or a model, see `synthesis.load`.
-        backend: one of `BACKENDS`; by default "onnx" for a file of `ha2g model onnx`, and "jax" for any other model.
-            With "onnx", the demo or a model folder is exported to the cache folder once.
+        backend: one of `BACKENDS`; by default "onnx" for a file of `ha2g model onnx`, and "jax" for any other model,
+            which "onnx" exports to the cache folder once.
 
     Raises:
         UserError: there is no model, it is damaged, or the backend cannot use it.
@@ -220,7 +216,7 @@ def generate_files(
     report: Callable[[pathlib.Path], None] = lambda path: None,
     **options: Unpack[Options],
 ) -> tuple[pathlib.Path, ...]:
-    """Generate motion for one or more files of speech and write it.
+    """Generate motion for one or more files of speech, write it, and return the paths of the results.
 
     The suffix of a result is its format: one of `motion.formats.SUFFIXES`, `.mp4` for a video with the sound, or
     `.html` for a page of the viewer with it. By default the motion (`.npz`) and the video (`.mp4`) are written, both or
@@ -231,8 +227,7 @@ def generate_files(
         speech: path of a file with sound; or several files, or a folder whose files with sound are taken.
         out: for one file, the file to write, whose suffix is the format, or a name without a suffix; for one or several
             files, a folder, which for several is made if it does not exist.
-        checkpoint: model, see `load`.
-        backend: what computes the motion, one of `BACKENDS`; by default the checkpoint decides.
+        checkpoint, backend: model and what computes the motion, see `load`.
         suffix: format of the results, one of `SUFFIXES`, where `out` names none.
         rig: joints of the results, see `motion.formats.export`; video and page have none.
         words: path of a transcript of the speech, for a model that reads words, where there is one file; by default a
@@ -241,13 +236,10 @@ def generate_files(
         report: is called with the path of each file when it is complete.
         options: keyword arguments of `Generator.generate`.
 
-    Returns:
-        The paths of the files.
-
     Raises:
-        UserError: before anything is written, as `plan`, `load` and `Generator.check_options`. One file of
-            speech cannot be used, or a file cannot be written; of several files this is said in a line on stderr, and
-            the error comes when the others are complete.
+        UserError: before anything is written, as `plan`, `load` and `Generator.check_options`. One file of speech
+            cannot be used, or a file cannot be written; of several files this is said in a line on stderr, and the
+            error comes when the others are complete.
     """
     if words is not None:
         with reading(words, "a transcript"), words.open("rb"):
@@ -346,9 +338,8 @@ def _write(
 def read_words(
     model: Generator[Any], speech: pathlib.Path, audio: np.ndarray, words: pathlib.Path | None
 ) -> tuple[Word, ...]:
-    """Return the words of the speech (samples,) at 16 kHz, by default of the transcript beside its file.
-
-    They are () if the model reads no words or there is no transcript.
+    """Return the words of the speech (samples,) at 16 kHz, by default of the transcript beside its file, where there is
+    one.
 
     Raises:
         UserError: the transcript cannot be read.

@@ -103,7 +103,6 @@ def _import(arguments: argparse.Namespace) -> None:
 
 
 def _kind_of(src: pathlib.Path) -> str:
-    """Return the kind of the recordings, "ted", "bvh" or "smplx", by the suffixes of the files."""
     suffixes = {path.suffix.lower() for path in ([src] if src.is_file() else src.rglob("*")) if path.is_file()}
     kinds = {"ted": {".mdb"}, "bvh": {".bvh"}, "smplx": {".npz", ".npy"}}
     found = [kind for kind, of_kind in kinds.items() if of_kind & suffixes]

@@ -146,7 +146,6 @@ def read_size(text: str) -> int | tuple[int, int]:
 
 
 def _load(arguments: argparse.Namespace) -> dict[str, "Motion"]:
-    """Load the motions by name, those of other programs at 30 frames per second."""
     from ha2g_jax.motion.readers import read_motion
 
     paths, names = arguments.motions, arguments.names or names_of(arguments.motions)

@@ -68,10 +68,7 @@ def add_commands(commands: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run until the sound ends, and print the counts.
-
-    Returns:
-        0; the code of the signal if the run was ended by SIGTERM.
+    """Run until the sound ends, print the counts, and return 0, or the code of SIGTERM if that ended the run.
 
     Raises:
         KeyboardInterrupt: the run was ended by Ctrl-C; its recording is written.

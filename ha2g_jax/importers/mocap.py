@@ -57,14 +57,11 @@ class ImportOptions:
 
     Attributes:
         skeleton: name of the skeleton, "ted_expressive", or "ted_gesture" for motion without fingers.
-        fps: frames per second of the corpus.
         speaker: name of the speaker of all files; by default it is taken from the names of files and folders, see
             `recordings.find_recordings`.
         audio: audio file of the only motion file, in any format of `read_audio`; by default it lies beside the motion.
         words: transcript of the only motion file; by default it lies beside the motion.
         with_words: whether a recording needs a transcript; if not, windows may have no words.
-        split: name of the split to write.
-        licence: licence of the data, stored in the corpus.
     """
 
     skeleton: str = "ted_expressive"
@@ -81,8 +78,6 @@ _DEFAULTS = ImportOptions()
 
 
 class _FileMotion(NamedTuple):
-    """The motion of one file."""
-
     positions: np.ndarray  # (T, joints, 3) float32 metres in the axes of the skeleton, at the corpus' frame rate
     seconds: float  # length of the motion in the file
     fps: float  # frames per second of the file
@@ -96,17 +91,12 @@ def import_bvh(
     options: ImportOptions = _DEFAULTS,
     **reading: Unpack[Reading],
 ) -> Report:
-    """Write a corpus of one BVH file, or of all BVH files in a folder and its subfolders.
+    """Write a corpus of one BVH file, or of all BVH files in a folder and its subfolders, and return its counts.
 
     See `recordings.find_recordings` for the audio and the transcript of each file. Among several files, an unusable one
     is left out with a warning and counted as rejected. Motion and audio that differ in length by more than half a
-    second are cut to the shorter one, with a warning.
-
-    Args:
-        reading: what is known about the files.
-
-    Returns:
-        The counts of what was kept and left out, which are also stored in the corpus under "import".
+    second are cut to the shorter one, with a warning. The counts of what was kept and left out are also stored in the
+    corpus under "import".
 
     Raises:
         UserError: there is no usable file, `dst` exists, or an option has an invalid value.
@@ -137,23 +127,21 @@ def import_smplx(
     source_fps: float | None = None,
     unit: float | None = None,
 ) -> Report:
-    """Write a corpus of one file of SMPL-X motion, or of all .npz files in a folder and its subfolders.
+    """Write a corpus of one file of SMPL-X motion, or of all .npz files in a folder and its subfolders, see
+    `import_bvh`.
 
     Audio and words lie beside the motion and have its stem. If there are none, audio files and TextGrids of that stem
     are searched for in all of `src`, for the folders of BEAT2. In a folder of Embody 3D each person of a capture is a
-    recording. See `smplx.read_smplx` for the formats, and `import_bvh` for unusable files.
+    recording. See `smplx.read_smplx` for the formats.
 
     Args:
         src: path of a .npz file, of a .npy file of joint positions, or of a folder.
-        options: options of all motion capture formats. By default the speaker is taken from a file name of the form
-            of BEAT2 or Seamless Interaction, else as described in `recordings.find_recordings`.
+        options: by default the speaker is taken from a file name of the form of BEAT2 or Seamless Interaction, else as
+            described in `recordings.find_recordings`.
         model: path of an SMPL-X body model (.npz), for joints of the person's shape; None for the neutral template.
         up: axis of the files that points up, one of `body.UPS`, or "auto".
         source_fps: frames per second of the files; None uses the rate stored in each file.
         unit: metres in one unit of positions and translations; None stands for metres.
-
-    Returns:
-        The counts of what was kept and left out, which are also stored in the corpus under "import".
 
     Raises:
         UserError: there is no usable file, `dst` exists, or an option has an invalid value.
@@ -211,8 +199,6 @@ def _with_speaker_of_name(recording: MotionRecording) -> MotionRecording:
 
 
 class _Result(NamedTuple):
-    """The encoded clips of one file, or the reason why there are none."""
-
     clips: list[bytes]
     report: SplitReport
     description: str = ""
@@ -269,7 +255,6 @@ def _import_files(
 def _import_file(
     recording: MotionRecording, read: Callable[[pathlib.Path], _FileMotion], options: ImportOptions
 ) -> _Result:
-    """Return the clips of one file, or its error."""
     try:
         motion = read(recording.path)
         audio, words = read_speech(recording, with_words=options.with_words)

@@ -1,7 +1,4 @@
-"""A pack of samples for the GENEA leaderboard, as a folder or a `.zip` with a manifest: written, and checked.
-
-The check takes neither a model nor the body model.
-"""
+"""A pack of samples for the GENEA leaderboard, as a folder or a `.zip` with a manifest: written, and checked."""
 
 import hashlib
 import json
@@ -67,23 +64,20 @@ def write_pack(
     body_model: pathlib.Path | None = None,
     **reading: Unpack[Reading],
 ) -> pathlib.Path:
-    """Write the motion of clips as a pack, completely or not at all, and return its path.
+    """Write the motion of clips as a pack, a folder or a `.zip`, completely or not at all, and return its path.
 
-    Sample k of a clip is `sample_k/CLIP.npz`, with the arrays of BEAT2 at 30 frames per second, and exactly
-    round(30 x seconds of the speech) frames. The same arguments give the same bytes.
+    Sample k of a clip is `sample_k/CLIP.npz`, with the arrays of BEAT2 at 30 frames per second, and exactly round(30 x
+    seconds of the speech) frames. The same arguments give the same bytes.
 
     Args:
         speech: folder of the files of speech, which have the names of the clips.
-        out: folder to write, or a path that ends in `.zip`.
         checkpoint: model that generates the motion, see `apps.generate.load`.
         motion: folder of motion of any system that is packed in place of what a model generates.
         samples: samples of each clip; by default 5 of a model, or all that are in the folder of motion.
         seed: seed of the first sample; the next has the next one.
         style: style of what a model generates; see `FromModel`.
-        shapes: folder of files of BEAT2 with the shapes of the speakers; without it a shape is that of the file that
-            is packed, or zero.
+        shapes: folder of files of BEAT2 with the shapes of the speakers; by default that of the packed file, or zero.
         body_model: SMPL-X body model (.npz), with which a person without a place stands on the floor.
-        reading: what is known about the files of `motion`.
 
     Raises:
         UserError: `out` exists, a file cannot be used, names do not meet, or the pack cannot be written.
@@ -117,7 +111,6 @@ def _add_samples(
     paths: dict[str, pathlib.Path],
     shapes: dict[str, np.ndarray],
 ) -> None:
-    """Write the samples of all clips and the manifest."""
     clips = {}
     with progress_bar("packing", len(paths), "clip") as bar:
         for name, path in paths.items():
@@ -166,12 +159,8 @@ class _File(NamedTuple):
 def check_pack(pack: pathlib.Path, speech: pathlib.Path | None = None) -> Verdict:
     """Check the names, arrays, frame rates, axes, lengths, numbers of samples and hashes of a pack of any system.
 
-    Args:
-        pack: folder or `.zip`.
-        speech: folder of the speech, for clips and lengths; without it they are those of the manifest.
-
-    Returns:
-        The findings, which are empty for a valid pack, and notes, as of a missing manifest.
+    The clips and their lengths are those of the folder `speech`, without it those of the manifest. A valid pack has no
+    findings, but may have notes, as of a missing manifest.
 
     Raises:
         UserError: there is no pack.
@@ -254,7 +243,6 @@ def _check_file(name: str, path_of: Callable[[str], pathlib.Path], findings: lis
 
 
 def _wrong_arrays(arrays: Mapping[str, np.ndarray]) -> list[str]:
-    """Return what differs from the layout of BEAT2."""
     wrong = [f"no array {name}" for name in NAMES if name not in arrays]
     if wrong:
         return wrong

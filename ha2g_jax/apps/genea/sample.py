@@ -69,12 +69,9 @@ class Sample(NamedTuple):
 def from_motion(motion: Motion, count: int, *, betas: np.ndarray | None = None, body: Body | None = None) -> Sample:
     """Convert a motion to `count` frames at 30 frames per second.
 
-    Pelvis, legs, place and face are those of the motion, where it has them; else the legs stand still.
-
-    Args:
-        betas: (n,) shape of the body; zero by default.
-        body: SMPL-X body model, with which the soles of a person who stands still touch the floor, y = 0, and `trans`
-            is right for other motion; without it `trans` is the place of the pelvis, zero for one who stands still.
+    Pelvis, legs, place and face are those of the motion, where it has them; else the legs stand still. The shape
+    `betas` (n,) is zero by default. With the SMPL-X body model `body` the soles of a person who stands still touch the
+    floor, y = 0, and `trans` is right for other motion; without it `trans` is the place of the pelvis, or zero.
     """
     animation = retarget(solver.animate(motion), rigs.load_rig("smplx"))
     arrays = arrays_of(animation, moves=motion.lower is not None, face=motion.face)
@@ -97,10 +94,7 @@ def from_file(
 ) -> Sample:
     """Read a motion of any kind as `count` frames; poses of SMPL-X with y up keep their values.
 
-    Args:
-        betas: (n,) shape of the body, in place of that of the file.
-        body: see `from_motion`.
-        reading: what is known about the files.
+    `betas` (n,) takes the place of the shape of the file; for `body` see `from_motion`.
 
     Raises:
         UserError: the file cannot be read, or its length differs from that of the speech by more than a second.
@@ -198,13 +192,9 @@ class FromModel:
 
 
 class FromFiles:
-    """Samples that are read from files: CLIP.npz, CLIP.1.npz to CLIP.5.npz, or sample_1/CLIP.npz and so on.
+    """Samples of files that `motion.readers` reads: CLIP.npz, CLIP.1.npz to CLIP.5.npz, or sample_1/CLIP.npz and so on.
 
-    Args:
-        folder: folder of the files, of any kind that `motion.readers` reads.
-        count: number of samples of each clip; None takes what is there.
-        body: see `from_motion`.
-        reading: what is known about the files.
+    There are `count` samples of each clip; None takes what is there. For `body` see `from_motion`.
 
     Raises:
         UserError: a clip has no file, or clips have different numbers of files, or not `count`.
@@ -245,8 +235,7 @@ class FromFiles:
 def read_shapes(folder: pathlib.Path, clips: Sequence[str]) -> dict[str, np.ndarray]:
     """Return the shape (300,) of the speaker of each clip, read from files of BEAT2.
 
-    Args:
-        folder: folder with a file of each clip, or for clips with names of BEAT2 of another clip of the speaker.
+    The file is that of the clip, or for clips with names of BEAT2 that of another clip of the speaker.
 
     Raises:
         UserError: there is no file for a clip, or it has no shape.

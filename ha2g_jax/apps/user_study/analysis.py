@@ -19,16 +19,12 @@ from ha2g_jax.metrics.uncertainty import holm
 
 
 def analyse(paths: Sequence[pathlib.Path], study: pathlib.Path) -> dict[str, Any]:
-    """Read answer files and compute all statistics of a study.
-
-    Args:
-        paths: answer files, and folders of them.
-        study: folder of `ha2g study make`, which has `key.json`, or that file.
+    """Read answer files, and folders of them, and compute all statistics of a study, whose folder has `key.json`.
 
     Returns:
         "study", "title", "level"; "participants", "excluded" and "answers" (what was counted); "opinion", "preference"
-        and "mismatch", each None without such answers; "agreement"; "comments". Numbers that are undefined are None,
-        and a bound that has no end is "inf" or "-inf".
+            and "mismatch", each None without such answers; "agreement"; "comments". Numbers that are undefined are
+            None, and a bound that has no end is "inf" or "-inf".
 
     Raises:
         UserError: there is no key or no answer file, or the package of the extra report is missing.
@@ -56,7 +52,6 @@ def analyse(paths: Sequence[pathlib.Path], study: pathlib.Path) -> dict[str, Any
 
 
 def _opinion(ratings: Ratings, key: Key) -> dict[str, Any]:
-    """Compute mean opinion scores and paired differences by scale."""
     found: dict[str, Any] = {"points": list(key.points), "scales": {}}
     for scale, scores in zip(key.scales, ratings.scores.T, strict=True):
         means = {}
@@ -109,7 +104,6 @@ def _mismatch(choices: Choices, key: Key) -> dict[str, Any]:
 
 
 def _agreement(ratings: Ratings, preferences: Choices, mismatches: Choices, key: Key) -> dict[str, Any]:
-    """Compute Fleiss' kappa of each scale and each kind of choice."""
     columns: dict[str, tuple[Ratings | Choices, np.ndarray]] = {}
     for scale, scores in zip(key.scales, ratings.scores.T, strict=True):
         columns[scale] = (ratings, scores)

@@ -1,7 +1,4 @@
-"""Strict reading of answer files: each is kept whole, or left out with a reason. Nothing in a file is ever run.
-
-What is kept becomes arrays with one row for each answer.
-"""
+"""Strict reading of answer files: each is kept whole, or left out with a reason. Nothing in a file is ever run."""
 
 import datetime
 import math
@@ -31,10 +28,8 @@ class Answer(NamedTuple):
     """What a participant answered to an item.
 
     Attributes:
-        ratings: number for each scale of the key, if it is a rating; the number that was chosen, if it is an attention
-            check.
-        outcome: for a pair of stimuli: 1 if the first one in the key was preferred, -1 if the second one was, 0 if they
-            were equal.
+        ratings: number for each scale of the key, or for an attention check the number that was chosen.
+        outcome: for a pair of stimuli: 1 if the first one in the key was preferred, -1 if the second one was, else 0.
     """
 
     item: Item
@@ -68,12 +63,9 @@ class Answers(NamedTuple):
 
 
 def read_answers(paths: Sequence[pathlib.Path], key: Key) -> Answers:
-    """Read answer files; one that does not fit the study or the format is excluded, and the others are read.
+    """Read answer files, and folders of `.json` files; one that does not fit the study or the format is excluded.
 
     Of several files with the same participant, the one that was finished first is kept.
-
-    Args:
-        paths: files, and folders of files whose names end in `.json`.
 
     Raises:
         UserError: there is nothing at a path, a folder has no answer file, or there are too many files.
@@ -234,9 +226,7 @@ def _check(is_right: bool, what: str) -> None:
 class Ratings(NamedTuple):
     """Ratings, n of them: indices (n,) of what they are of, and the numbers (n, scales) that were chosen.
 
-    Attributes:
-        systems: names that `system` refers to.
-        clip: the clip whose sound is heard.
+    The system is an index of `systems`, and the clip is the one whose sound is heard.
     """
 
     systems: tuple[str, ...]
@@ -250,10 +240,8 @@ class Ratings(NamedTuple):
 class Choices(NamedTuple):
     """Choices between the two stimuli of a pair, n of them: indices (n,) of what they are of.
 
-    Attributes:
-        clip: the clip whose sound is heard.
-        first, second: indices in `Key.systems` of the systems of the two stimuli.
-        outcome: 1 if the first one was preferred, -1 if the second one was, 0 if they were equal.
+    The clip is the one whose sound is heard; `first` and `second` are indices in `Key.systems`, and the outcome is 1 if
+    the first one was preferred, -1 if the second one was, 0 if they were equal.
     """
 
     participant: np.ndarray
@@ -282,10 +270,8 @@ def ratings_of(participants: Sequence[Participant], key: Key) -> Ratings:
 
 
 def choices_of(participants: Sequence[Participant], key: Key, kind: str) -> Choices:
-    """Collect the choices of a kind of pairs.
-
-    The first of a pair is the system that the key names first (`PREFERENCE`), or the motion with its own speech
-    (`MISMATCH`).
+    """Collect the choices of a kind of pairs, whose first is the matched motion (`MISMATCH`), or the key's first
+    system.
     """
     rows = []
     for number, item, answer in _answers_of(participants, key, kind):

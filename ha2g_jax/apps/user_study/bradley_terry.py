@@ -21,11 +21,9 @@ ELO_PER_LOGIT = 400 / np.log(10)
 
 
 class Strengths(NamedTuple):
-    """Strengths of systems.
+    """Strengths of the compared systems (S,), relative to their mean over `finite`; a missing bound is infinite.
 
     Attributes:
-        systems: (S,) indices of the systems that were compared.
-        strengths: estimates (S,), relative to their mean over `finite`; a bound that does not exist is infinite.
         differences: estimates (pairs,), first system less second, in the order of `itertools.combinations`.
         finite: (S,) whether the system belongs to the largest group whose strengths maximum likelihood determines.
         is_connected: whether choices that prefer one connect every system with every other one, directly or not.
@@ -39,10 +37,7 @@ class Strengths(NamedTuple):
 
 
 def wins_of(choices: Choices, num_systems: int, groups: np.ndarray) -> np.ndarray:
-    """Count the wins (groups, S, S) of the system of the row over that of the column; choices for neither are none.
-
-    `groups` (n,) has the index of the participant or the clip of each choice.
-    """
+    """Count the wins (groups, S, S) of the row over the column, by the group (n,) of each choice; ties are none."""
     wins = np.zeros((groups.max(initial=0) + 1, num_systems, num_systems))
     np.add.at(wins, (groups, choices.first, choices.second), choices.outcome == 1)
     np.add.at(wins, (groups, choices.second, choices.first), choices.outcome == -1)
@@ -116,7 +111,6 @@ def _without(wins: np.ndarray, parts: np.ndarray, strengths: np.ndarray) -> np.n
 
 
 def _information(wins: np.ndarray, strengths: np.ndarray) -> np.ndarray:
-    """Return the Fisher information of the strengths (..., S, S)."""
     expected = 1 / (1 + np.exp(strengths[None, :] - strengths[:, None]))
     weights = (wins + np.swapaxes(wins, -1, -2)) * expected * (1 - expected)
     return np.eye(len(strengths)) * weights.sum(-1)[..., None] - weights

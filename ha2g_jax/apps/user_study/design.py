@@ -47,10 +47,9 @@ _ROUNDING = 0.1  # seconds by which clips may differ and still count as equally 
 
 
 class Stimulus(NamedTuple):
-    """A video that participants see.
+    """A video that participants see, of motion that was made for a clip.
 
     Attributes:
-        clip: clip that the motion was made for.
         matched: whether the sound is that of the clip.
         sound_of: clip whose sound the video has; None for an attention check, whose sound says a number.
         sha256: hash of the file, as 64 hexadecimal digits; empty before it is rendered.
@@ -64,12 +63,9 @@ class Stimulus(NamedTuple):
 
 
 class Item(NamedTuple):
-    """A question of the study.
+    """A question of the study, of a kind of `KINDS`: about one stimulus or both of a pair, by their ids.
 
-    Attributes:
-        kind: one of `KINDS`.
-        stimuli: id of the stimulus of a rating or an attention check, ids of both of a preference or a mismatch.
-        expected: number that an attention check asks for, None for other kinds.
+    The number `expected` is what an attention check asks for, None for other kinds.
     """
 
     id: str
@@ -80,13 +76,9 @@ class Item(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Key:
-    """What the owner of a study keeps.
+    """What the owner of a study keeps: its id, which the answers repeat, and its stimuli by opaque id.
 
-    Attributes:
-        study: id of the study, which the answers repeat.
-        created: time in ISO 8601.
-        stimuli: stimuli by opaque id.
-        per_participant: number of items of each kind that a participant answers.
+    The time of creation is in ISO 8601; `per_participant` is the number of items of each kind that each one answers.
     """
 
     study: str
@@ -148,10 +140,8 @@ def read_key(study: pathlib.Path) -> Key:
 class Scene(NamedTuple):
     """Videos that are compared with each other, and so have one sound, one camera and one length.
 
-    Attributes:
-        part: `MISMATCH` for pairs of that part, `ATTENTION` for a check, or else `RATING`.
-        clip: clip whose sound is heard, and whose motion is shown in a check.
-        number: number that a check says, None in other scenes.
+    The part is `MISMATCH` for pairs of that part, `ATTENTION` for a check, or else `RATING`. The sound of `clip` is
+    heard; a check shows its motion and says `number`, which is None in other scenes.
     """
 
     part: str
@@ -188,15 +178,13 @@ def make_design(
     attention: int = 2,
     seed: int = 0,
 ) -> Design:
-    """Design a study; equal arguments give equal designs.
+    """Design a study of parts of `PARTS`; equal arguments give equal designs.
 
     Args:
         durations: length in seconds of each clip.
-        parts: parts of the protocol, of `PARTS`.
         per_participant: items of each part that a participant answers at most; a participant answers an equal number
             for every system, or pair of systems, and at least one.
         attention: number of attention checks that every participant answers, 0 to 5.
-        seed: seed of all choices.
 
     Raises:
         UserError: the systems or the clips are too few for a part, or the study would have more than 20,000 items.
@@ -229,8 +217,7 @@ def make_design(
 def mismatched_clips(clips: Sequence[str], durations: Mapping[str, float]) -> dict[str, str]:
     """Choose for each of two clips or more another one of about the same length, shown with the sound of the first.
 
-    The motion of every clip is used once. Neighbours in the order of length are exchanged, and the last three in a
-    circle if the number of clips is odd. The order of `clips` decides among clips of equal length.
+    The motion of every clip is used once. The order of `clips` decides among clips of equal length.
     """
     ordered = sorted(clips, key=lambda clip: round(durations[clip] / _ROUNDING))
     pairs = [ordered[start : start + 2] for start in range(0, len(ordered) - len(ordered) % 2, 2)]

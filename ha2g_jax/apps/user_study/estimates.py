@@ -23,11 +23,9 @@ _RIDGE, _TOLERANCE = 1e-10, 1e-5  # of the equations of the differences
 
 
 class CrossedEstimate(NamedTuple):
-    """A statistic, or an array of them.
+    """A statistic, or an array of them, with bounds and a standard error, NaN where they are undefined.
 
     Attributes:
-        low, high: bounds; NaN where they are undefined.
-        error: standard error.
         freedom: degrees of freedom of the t distribution.
         p: two-sided p-value of the hypothesis that the statistic is 0.
     """
@@ -50,12 +48,8 @@ class Spread(NamedTuple):
 def jackknife(parts: np.ndarray, is_used: np.ndarray | None = None) -> Spread:
     """Return the delete-one variance, (G - 1) / G sum_g (s_g - mean s)^2.
 
-    Args:
-        parts: (..., G) statistic without each of the G participants or clips.
-        is_used: (..., G) whether there are answers of a participant or clip; by default of all.
-
-    Returns:
-        The variance (...), NaN where fewer than two are used or the statistic without one of them is undefined.
+    The statistics `parts` (..., G) are without each of the G participants or clips, of which those in `is_used` (...,
+    G) have answers. The variance (...) is NaN where fewer than two are used or a statistic is undefined.
     """
     is_used = np.ones(parts.shape, bool) if is_used is None else is_used
     count = is_used.sum(-1)
@@ -87,7 +81,6 @@ def crossed(
 
 
 def _total(participants: Spread, clips: Spread) -> tuple[np.ndarray, np.ndarray]:
-    """Return the sum of two variances and its degrees of freedom; see `crossed`."""
     of_clips = np.where(clips.size > 1, clips.variance, 0.0)
     total = participants.variance + of_clips
     squares = np.square(participants.variance) / np.maximum(participants.size - 1, 1)
@@ -97,10 +90,7 @@ def _total(participants: Spread, clips: Spread) -> tuple[np.ndarray, np.ndarray]
 
 
 def ratio(sums: np.ndarray, counts: np.ndarray) -> Spread:
-    """Return the delete-one variance of sum / count, such as a mean of all answers or a share of them.
-
-    The sums and the counts (..., G) are over the answers of each participant or clip.
-    """
+    """Return the delete-one variance of sum / count (..., G), over the answers of each of G participants or clips."""
     left = counts.sum(-1, keepdims=True) - counts
     is_used = counts > 0
     parts = np.where(is_used & (left > 0), (sums.sum(-1, keepdims=True) - sums) / np.maximum(left, 1), np.nan)
@@ -279,9 +269,8 @@ def fleiss_kappa(table: np.ndarray) -> float:
 
 
 def agreement(participants: np.ndarray, clips: np.ndarray, items: np.ndarray, answers: np.ndarray) -> CrossedEstimate:
-    """Return Fleiss' kappa of answers (n,), which agree if equal, with an interval over participants and clips.
-
-    The indices of the participant, the clip and the item of each answer are (n,), too.
+    """Return Fleiss' kappa of answers (n,), which agree if equal, with an interval over the (n,) participants and
+    clips.
     """
     _, item = np.unique(items, return_inverse=True)
     _, category = np.unique(answers, return_inverse=True)

@@ -1,8 +1,4 @@
-"""A study from folders of motion: the site that is published, with its videos, and the key that is not.
-
-There is one folder for each system, with motion of the same clips. One figure, one camera and one length are used for
-all that is compared with each other.
-"""
+"""A study from folders of motion: the site that is published, with its videos, and the key that is not."""
 
 import datetime
 import hashlib
@@ -83,7 +79,6 @@ def make_study(
         title, consent, closing, post: see `pages.read_wording`.
         size: side of the videos in pixels.
         seed: seed of all choices; drawn by default, so that the ids of the videos cannot be guessed.
-        reading: what is known about the files of motion.
 
     Raises:
         UserError: the folder exists or cannot be written, or the motion, the sound or a setting cannot be used.
@@ -135,12 +130,9 @@ def _make_key(
 
 
 class Sources(NamedTuple):
-    """What a study shows.
+    """What a study shows: motion by system and clip, all of one skeleton with the same lengths of bones.
 
-    Attributes:
-        motions: motion by system and clip, all of one skeleton with the same lengths of bones.
-        sounds: (samples,) float32 at 16 kHz by clip.
-        durations: length in seconds of each clip, in which there is sound and motion of every system.
+    The sounds are (samples,) float32 at 16 kHz by clip. During the seconds of a clip there are sound and all motions.
     """
 
     motions: Mapping[str, Mapping[str, Motion]]
@@ -210,7 +202,6 @@ def read_sources(
 
 
 def _common(found: Mapping[str, Mapping[str, pathlib.Path]]) -> list[str]:
-    """Return the names of the clips, which every system must have."""
     names = sorted({clip for files in found.values() for clip in files})
     for system, files in found.items():
         if missing := [clip for clip in names if clip not in files]:
@@ -301,7 +292,6 @@ def render(
 
 
 def _sound(scene: Scene, motions: Sequence[Motion], sources: Sources) -> np.ndarray:
-    """Return the sound of a scene, as long as every motion in it lasts."""
     if scene.number is not None:
         words = say(f"This is a check. Please choose the number {_NUMBERS[scene.number]}.", _VOICE).audio
         return np.pad(words, round(_SILENCE * SAMPLE_RATE))

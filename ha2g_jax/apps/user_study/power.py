@@ -34,12 +34,9 @@ _CELLS, _CLIPS = 2_000_000, 50  # numbers that are drawn at a time, as if there 
 
 
 class Spreads(NamedTuple):
-    """Standard deviations, of differences of scores between two systems, or of shares.
+    """Standard deviations of differences of scores or of shares, between participants, and between clips.
 
-    Attributes:
-        participants: between participants, of the difference or the share of each over many clips and answers.
-        clips: between clips, of the difference or the share of each over many participants.
-        rest: of one rating around all of this; for choices it follows from the share and is not used.
+    The `rest` is that of one rating around all of this; for choices it follows from the share and is not used.
     """
 
     participants: float
@@ -48,11 +45,9 @@ class Spreads(NamedTuple):
 
 
 class Plan(NamedTuple):
-    """A study whose power is asked for.
+    """A study whose power is asked for: of a number of clips, each participant answers `items`.
 
     Attributes:
-        clips: number of clips.
-        items: number of them that a participant answers.
         equal: share of choices for neither; 0 for ratings.
         comparisons: number of tests that are corrected for; the level is divided by it, as in the first step of Holm.
     """
@@ -131,8 +126,6 @@ def required_participants(
 ) -> tuple[dict[int, float], int | None]:
     """Return powers by number of participants, and the smallest number that reaches a power, None if `most` does not.
 
-    With 2000 simulated studies of each size, a power of 0.8 has a standard error of 0.009.
-
     Raises:
         UserError: the power is not between 0 and 1, or `most` is below 3.
     """
@@ -168,7 +161,6 @@ def _power(simulate: Simulation, participants: int, clips: int) -> float:
 
 
 def _seen(random: np.random.Generator, shape: tuple[int, int, int], items: int) -> np.ndarray:
-    """Draw which clips each participant sees."""
     if items == shape[2]:
         return np.ones(shape, bool)
     return random.random(shape).argsort(-1) < items
@@ -216,12 +208,9 @@ def _nodes() -> tuple[np.ndarray, np.ndarray]:
 def power_table(
     measure: str, effect: float, spreads: Spreads, plan: Plan, *, power: float = 0.8, most: int = 500
 ) -> str:
-    """Return how many participants reach a power, after a table of the powers of smaller studies.
+    """Return how many participants, at most `most`, reach a power, after a table of the powers of smaller studies.
 
-    Args:
-        measure: `MOS`, `PREFERENCE` or `MISMATCH`.
-        effect: expected difference of scores, or expected share.
-        most: greatest number of participants that is tried.
+    The measure is `MOS`, `PREFERENCE` or `MISMATCH`, and the effect is the expected difference of scores, or share.
 
     Raises:
         UserError: a number is out of range.
@@ -255,10 +244,8 @@ def power_table(
 def read_pilot(measure: str, paths: Sequence[pathlib.Path], key: Key) -> tuple[Spreads, float]:
     """Estimate standard deviations and the share of equal choices from the answers of a pilot study.
 
-    Standard deviations are averages over scales and pairs of systems.
-
-    The delete-one variances over participants and clips are set equal to what the standard deviations give, and
-    negative results are 0.
+    The delete-one variances over participants and clips are set equal to what the standard deviations give, negative
+    results are 0, and the results are averages over scales and pairs of systems.
 
     Raises:
         UserError: the answers cannot be read, or have too little to estimate standard deviations.

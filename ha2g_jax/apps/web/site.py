@@ -1,8 +1,4 @@
-"""The folder of a site: page, scripts, model, and what a browser keeps of them to work offline.
-
-npm builds the scripts once from the sources of the package ha2g-web, which are in this package where it is installed
-from a wheel, else beside it.
-"""
+"""The folder of a site: page, scripts, model, and what a browser keeps of them to work offline."""
 
 import base64
 import hashlib
@@ -54,8 +50,7 @@ def write_site(
         license: licence of the model, which the page shows; that of the demo is known.
 
     Raises:
-        UserError: the folder holds something else or cannot be written, the model cannot be exported, or the scripts
-            cannot be built, see `build_scripts`.
+        UserError: the folder holds something else or cannot be written, or the model or the scripts cannot be made.
     """
     out = pathlib.Path(out)
     _check_place(out)
@@ -74,7 +69,6 @@ def write_site(
 
 
 def _add_page(folder: pathlib.Path, scripts: pathlib.Path) -> None:
-    """Write all but the model and the lists of files."""
     shutil.copytree(scripts, folder, dirs_exist_ok=True)
     (folder / "three.min.js").write_bytes(three_library())
     (folder / "viewer.js").write_text("".join(read_asset(name) for name in _VIEWER), encoding="utf-8")
@@ -167,7 +161,6 @@ def build_scripts() -> pathlib.Path:
 
 
 def _find_npm() -> str:
-    """Return the path of npm, after a look at the version of node."""
     node, npm = shutil.which("node"), shutil.which("npm")
     if not node or not npm:
         missing = "node" if not node else "npm"
@@ -247,7 +240,6 @@ def _package() -> pathlib.Path:
 
 
 def _files(sources: pathlib.Path) -> dict[str, pathlib.Path]:
-    """Return the files by their names in a checkout."""
     roots = {"integrations/web": (sources, PARTS), "ha2g_jax/assets": (_package() / "assets", _ASSETS)}
     found = {}
     for root, (folder, parts) in roots.items():
