@@ -88,6 +88,7 @@ class _Page:
 
     def __init__(self, connection: Any) -> None:
         self._connection, self.is_own = connection, connection.request.path == PAGE
+        self._host, self._port, *_ = connection.remote_address
         self.messages = queue.Queue[str](_WAITING)
         self.full_since: float | None = None
 
@@ -108,8 +109,7 @@ class _Page:
         """End the connection, for which a thread may be waiting, and say so."""
         with contextlib.suppress(OSError):
             self._connection.socket.shutdown(socket.SHUT_RDWR)
-        host, port, *_ = self._connection.remote_address
-        tqdm.write(f"{sink} drops the page at {host}, port {port}, which does not read", file=sys.stderr)
+        tqdm.write(f"{sink} drops the page at {self._host}, port {self._port}, which does not read", file=sys.stderr)
 
 
 class WebSocketSink:
