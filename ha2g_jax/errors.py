@@ -16,8 +16,6 @@ def require(module: str, extra: str, *, by: str = "this", package: str = "", lib
     """Import a module that one of the extras of ha2g-jax installs.
 
     Args:
-        module: name of the module.
-        extra: name of the extra.
         by: what needs the module, for the message.
         package: name of its package, where it differs from that of the module.
         library: how a library of the system that the package loads is installed.

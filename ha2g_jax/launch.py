@@ -49,19 +49,13 @@ _MAX_LETTERS = 1000  # of a message of a library, which may quote all of a flag
 
 
 def prepare_process() -> None:
-    """Let this process keep its compiled programs and its memory, see `keep_programs` and `keep_memory`.
-
-    Call this in the main thread before JAX is imported.
-    """
+    """Let this process keep its compiled programs and memory; call this in the main thread before JAX is imported."""
     keep_programs()
     keep_memory()
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one training from flags and return its exit code.
-
-    Args:
-        argv: name of the program, then the flags; by default those of this process.
+    """Run one training from flags, by default those of this process after its name, and return its exit code.
 
     Raises:
         UserError: a flag, a config or the data cannot be used, or the processes of the run did not all join.
@@ -91,12 +85,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def load_config(spec: str, overrides: Sequence[str] = ()) -> Config:
-    """Return the config of a preset or of a file, locked.
+    """Return the locked config of "DATA[:SIZE]" or "METHOD:DATA[:SIZE]", names of `presets`, or of "FILE[:SIZE]".
 
-    Args:
-        spec: "DATA[:SIZE]" or "METHOD:DATA[:SIZE]", names of `presets`; or "FILE[:SIZE]", the path of a Python file
-            with a function `get_config(size)`.
-        overrides: flags such as "--config.train.steps=10".
+    A file is a Python file with a function `get_config(size)`; overrides are flags such as "--config.train.steps=10".
 
     Raises:
         UserError: there is no such preset, file or size, the file cannot be used, or an override does not fit.
@@ -133,10 +124,7 @@ def _parse(argv: list[str]) -> Any:
 
 
 def _take_spec(argv: list[str]) -> tuple[str, list[str]]:
-    """Return the value of --config, "" without one, and the other arguments.
-
-    `config_flags` would read the file through a deprecated function of Python, and report a missing file late.
-    """
+    """Return the value of --config, "" without one, and the rest; `config_flags` would report a missing file late."""
     for index, argument in enumerate(argv):
         if match := re.fullmatch(r"--?config=(.*)", argument, re.DOTALL):
             return match[1], argv[:index] + argv[index + 1 :]
@@ -171,10 +159,7 @@ def _read(spec: str) -> Config:
 
 
 def _of_program(path: str, size: str) -> object:
-    """Return what `get_config` of a Python file returns; None if it has no such function.
-
-    The file is the user's own program, which can raise anything.
-    """
+    """Return what `get_config` of the user's own program returns; None if it has no such function."""
     try:
         get_config = runpy.run_path(path).get("get_config")
         return get_config(*([size] if size else [])) if get_config else None

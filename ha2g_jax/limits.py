@@ -1,8 +1,4 @@
-"""Limits of inputs from outside; docs/limits.md states them, and a test compares the two.
-
-Each is far above what real recordings need, and low enough that an input within all of them is read in seconds and in
-less than 2 GiB of memory.
-"""
+"""Limits of inputs from outside, see docs/limits.md: within all of them an input takes seconds and less than 2 GiB."""
 
 MAX_NAME_LENGTH = 200
 """Letters of a path that a message shows."""

@@ -16,10 +16,9 @@ _LINE_SECONDS = 10.0  # seconds between two plain lines
 
 
 def progress_bar(desc: str, total: int | None = None, unit: str = "it") -> tqdm:
-    """Return a bar that is removed when it is closed; where stderr is no terminal it prints plain lines.
+    """Return a bar, or without a `total` a clock, that is removed when it is closed; a file or a pipe gets plain lines.
 
-    Work that ends within ten seconds prints no plain line, so that an error stays the only line of a command. Without
-    a `total` it is a clock.
+    Work that ends within ten seconds prints no plain line, so that an error stays the only line of a command.
     """
     if sys.stderr.isatty():
         style: dict[str, Any] = {} if total is not None else {"bar_format": "{desc} ... {elapsed}"}

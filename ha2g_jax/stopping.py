@@ -1,8 +1,4 @@
-"""Requests to stop this process: SIGTERM, Ctrl-C, or a closed terminal.
-
-`on_stop_signals` installs all handlers. A command ends on SIGTERM as on Ctrl-C (`ending_on_sigterm`), and a training
-ends with a checkpoint after its step (`stop_after_step`).
-"""
+"""Requests to stop this process: SIGTERM, Ctrl-C, or a closed terminal, which `on_stop_signals` handles."""
 
 import contextlib
 import os
@@ -26,11 +22,8 @@ def on_stop_signals(
 ) -> Iterator[None]:
     """Call a function with the number of each stop signal that arrives in this context.
 
-    Outside of the main thread, where Python allows no handlers, and for signals that are ignored, as SIGHUP under
-    nohup, nothing changes.
-
-    The function is called between two instructions of the main thread. Signals in `once` are handled once, and then do
-    what they did before, as a second Ctrl-C interrupts.
+    The function is called between two instructions of the main thread; outside of it, and for signals that are ignored,
+    as SIGHUP under nohup, nothing changes. Signals in `once` are handled once, and then do what they did before.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -53,10 +46,7 @@ def on_stop_signals(
 
 @contextlib.contextmanager
 def ending_on_sigterm() -> Iterator[None]:
-    """Turn SIGTERM into SystemExit with code 143 in this context, so that temporary files are deleted.
-
-    A program that handles the signal itself is left to do so.
-    """
+    """Turn SIGTERM, unless the program handles it itself, into SystemExit 143, so that temporary files are deleted."""
 
     def end(number: int) -> NoReturn:
         raise SystemExit(128 + number)

@@ -1,7 +1,4 @@
-"""Data augmentation of a training window: mirrored motion, other voices, rooms, microphones and noise, a hidden end.
-
-Pure functions of one example (see `Windows`). All randomness comes from the generator that is passed in.
-"""
+"""Data augmentation of a training window (see `Windows`): pure functions whose randomness comes from a generator."""
 
 import functools
 from typing import Any, NamedTuple

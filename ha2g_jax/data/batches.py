@@ -1,8 +1,4 @@
-"""Batches of training windows: batch n is a function of the seed and of n alone.
-
-It depends neither on where the iterator started, nor on the number of hosts, nor on whether threads or processes read
-the clips. Therefore a checkpoint stores only the number of batches taken.
-"""
+"""Batches of training windows: batch n is a function of the seed and of n alone, so that a checkpoint stores only n."""
 
 import functools
 import pathlib
@@ -43,9 +39,7 @@ def batches(
     num_hosts: int = 1,
     workers: int = 0,
 ) -> grain.DatasetIterator:
-    """Return an endless iterator over batches, with another order in each epoch.
-
-    Close the iterator after use (`close()`), which ends its workers.
+    """Return an endless iterator over batches, with another order in each epoch; `close()` ends its workers.
 
     Args:
         batch_size: number B of windows in a batch, of all hosts together.
@@ -59,8 +53,7 @@ def batches(
         `UserError` if a clip cannot be decoded.
 
     Raises:
-        UserError: there are fewer windows than `batch_size`, it is not divisible by the number of hosts, or there is
-            too little shared memory for the workers.
+        UserError: there are fewer windows than B, the hosts do not divide B, or there is too little shared memory.
     """
     if batch_size > len(windows):
         raise UserError(
@@ -92,16 +85,13 @@ def batches(
 
 
 def batch_names(windows: Windows, batch_size: int, seed: int, number: int) -> list[str]:
-    """Return the name, see `Windows.name`, of the window in each row of a batch, for reports; jitter may start a window
-    later.
-    """
+    """Return the name of the window (see `Windows.name`) in each row of a batch; jitter may start a window later."""
     order = _order(windows, seed)
     rows = np.array([order[row] for row in range(number * batch_size, (number + 1) * batch_size)])
     return [windows.name(row) for row in rows.tolist()]
 
 
 def _order(windows: Windows, seed: int) -> grain.MapDataset:
-    """Return the indices of the windows, epoch after epoch."""
     return grain.MapDataset.range(len(windows)).seed(seed).shuffle().repeat()
 
 
@@ -163,5 +153,4 @@ def _stop_signals_blocked() -> Iterator[None]:
 
 
 def _start_worker(index: int, count: int) -> None:
-    """Start the watch over the parent, as the first thing in each worker."""
     threading.Thread(target=end_with_parent, daemon=True).start()

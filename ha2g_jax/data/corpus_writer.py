@@ -39,10 +39,7 @@ def unusable_positions(positions: np.ndarray, skeleton: Skeleton) -> str | None:
 
 class MotionStatistics:
     """Running means over the frames of all training windows: bone lengths, poses, direction vectors, and angles in
-    units of pi (HA2G, Eq. 8).
-
-    Args:
-        fps: frames per second; changes of angles are scaled to those between frames at 15 fps.
+    units of pi (HA2G, Eq. 8), whose changes are scaled to those between frames at 15 fps.
     """
 
     def __init__(self, skeleton: Skeleton, fps: float):
@@ -94,16 +91,11 @@ class CorpusWriter:
     Use it as a context manager; an exception inside the context leaves nothing behind.
 
     Args:
-        path: folder to make; must not exist.
         splits: names of the splits; statistics and vocabulary are those of "train". Some may stay empty, not all.
-        metadata: name, source, licence and any other description of the corpus; stored as given.
-
-    Attributes:
-        metadata: description of the corpus; entries may be added until the end.
+        metadata: description of the corpus, such as its source and licence; entries may be added until the end.
 
     Raises:
-        UserError: `path` exists or cannot be written, the name of a split is no identifier, or there is no clip at
-            the end.
+        UserError: `path` exists or cannot be written, a split's name is no identifier, or there is no clip at the end.
     """
 
     def __init__(

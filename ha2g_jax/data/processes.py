@@ -1,7 +1,4 @@
-"""Parallel work in processes with results in the order of the tasks, for making and importing corpora.
-
-Only the parent handles Ctrl-C, and then ends its workers; they also end when the parent is killed.
-"""
+"""Parallel work in processes, which end with their parent, with results in the order of the tasks."""
 
 import collections
 import concurrent.futures

@@ -36,8 +36,7 @@ class SplitReport:
     Attributes:
         videos: number of recordings read: videos, motion captures or entries of a database.
         clips: number of clips that the recordings have, or that were cut from them.
-        windows: number of windows examined.
-        kept: number of windows that passed all filters.
+        windows, kept: numbers of windows that were examined, and of those that passed all filters.
         filtered: number of windows that failed a filter, by reason.
         rejected: number of clips or shots without any window, by reason.
     """
@@ -94,7 +93,7 @@ def _sum(first: collections.Counter[str], second: collections.Counter[str]) -> c
 
 
 class WindowFilters(NamedTuple):
-    """Conditions that a window must fulfil; None switches a filter off.
+    """Conditions that a window must fulfil; None switches a filter off. Frames are those of 15 fps.
 
     Attributes:
         min_words: minimum number of words that overlap the window.
@@ -104,8 +103,7 @@ class WindowFilters(NamedTuple):
         max_mean_spine_angle: maximum of the mean over the frames of that angle, in degrees.
         min_wrist_variance: minimum variance of a wrist's position, in square metres; a window fails if both wrists are
             below it.
-        num_frames: length of a window, in frames at 15 fps.
-        stride: time between the starts of two windows, in frames at 15 fps.
+        stride: time between the starts of two windows.
     """
 
     min_words: int | None = 2
@@ -124,12 +122,7 @@ MOCAP = WindowFilters(min_pose_distance=None, max_spine_angle=None, max_mean_spi
 
 
 class WindowChoice(NamedTuple):
-    """The windows of one clip.
-
-    Attributes:
-        starts: first frame of each window that is kept.
-        verdicts: verdict on every window in order, `KEPT` or one of `REASONS`.
-    """
+    """The first frame of each window of a clip that is kept; the verdict on each window, `KEPT` or one of `REASONS`."""
 
     starts: tuple[int, ...]
     verdicts: tuple[str, ...]
@@ -217,7 +210,6 @@ def _too_still(positions: np.ndarray, starts: np.ndarray, skeleton: Skeleton, fi
 
 
 def _windows(values: np.ndarray, starts: np.ndarray, filters: WindowFilters) -> np.ndarray:
-    """Cut values (T, ...) into windows (windows, num_frames, ...)."""
     return values[starts[:, None] + np.arange(filters.num_frames)]
 
 
@@ -243,9 +235,7 @@ class Recording(NamedTuple):
 
 
 def seen(confidence: np.ndarray, min_confidence: float) -> np.ndarray:
-    """Return (T,) bool, in which images all keypoints have a confidence (T, keypoints) of at least the minimum; 0 never
-    counts.
-    """
+    """Return (T,) bool, whether all keypoints (T, keypoints) of an image have the least confidence; 0 never counts."""
     return np.all((confidence >= min_confidence) & (confidence > 0), axis=1)
 
 
@@ -258,11 +248,10 @@ def to_clips(
     max_seconds: float = MAX_SECONDS,
     first: int = 0,
 ) -> tuple[list[Clip], SplitReport]:
-    """Cut a recording, up to the end of its motion or audio, into clips at its longest pauses, and keep those with a
-    window.
+    """Cut a recording at its longest pauses, and return the clips that have a window, and the counts of one recording.
 
     The clips, in order of time, are named NAME-NUMBER from number `first` on, for a recording of several shots; the
-    numbers of clips that are left out stay unused. With them come the counts of one recording.
+    numbers of clips that are left out stay unused.
     """
     num_frames = min(len(recording.positions), int(len(recording.audio) / SAMPLE_RATE * fps + 0.5))
     pieces = _pieces(recording.words, 0, num_frames, fps, max_seconds * fps)

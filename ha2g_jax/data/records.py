@@ -37,12 +37,9 @@ _FIELD_NAMES = {stored: name for name, stored in STORED_NAMES.items()}
 
 
 class Stroke(NamedTuple):
-    """A gesture whose cause is known; times in seconds.
+    """A gesture whose cause is known: its hit, the start of the preparation and the end of the retraction, in seconds.
 
     Attributes:
-        time: time at which the stroke hits.
-        start: start of the preparation.
-        end: end of the retraction.
         kind: "beat", "semantic", "posture" or "nod".
         hand: "left", "right", "both", or "" if no hand moves.
         amplitude: size relative to an average stroke.
@@ -75,11 +72,9 @@ class Clip:
         reference_images: (M, 224, 224, 3) uint8 images of the speaker, None if there are none.
         recording_start: start of the clip in its recording, in seconds.
         window_starts: frames at which a training window may start.
-        strokes: true gestures, in a corpus where they are known.
-        style: true style vector of the speaker, in a corpus where it is known.
+        strokes, style: true gestures and true style vector of the speaker, in a corpus where they are known.
         recording: name of the recording that the clip was cut from; a recording is never divided among splits.
-        confidence: (T, joints) float32 in [0, 1], confidence of the estimate of each joint; None if the positions were
-            not estimated.
+        confidence: (T, joints) float32 in [0, 1] of the estimate of each joint; None if positions were not estimated.
     """
 
     id: str
@@ -123,8 +118,7 @@ def decode_clip(record: bytes, name: str = "a record") -> Clip:
 
 
 def unpack(record: bytes, name: str = "a record") -> dict[str, Any]:
-    """Unpack the fields of a clip by name; audio and images stay compressed, as FLAC and as a list of JPEG images or
-    None.
+    """Unpack the fields of a clip by name; audio and images stay compressed: FLAC, and a list of JPEG images or None.
 
     Raises:
         UserError: the bytes are damaged.
@@ -153,8 +147,7 @@ def decode_audio(fields: dict[str, Any], name: str) -> np.ndarray:
 
 
 def decode_images(fields: dict[str, Any], name: str, count: int | None = None) -> np.ndarray | None:
-    """Decode the first `count` images of a clip, all by default, to (count, height, width, 3) uint8; None if it has
-    none.
+    """Decode the first `count` images of a clip, all by default, to (count, height, width, 3) uint8; None without any.
 
     Raises:
         UserError: an image is damaged.

@@ -40,15 +40,12 @@ def merge(paths: Sequence[str | os.PathLike], dst: str | os.PathLike, *, same_sp
 
     Names of clips and recordings that occur in more than one corpus are prefixed with the name of the corpus' folder.
     So are names of speakers unless `same_speakers`, because the same name in two corpora most often means two people.
-    Two people mistaken for one would get a mixed style, while one person mistaken for two only has less data for each.
 
     The description joins the distinct sources, states the licence of each corpus, adds up the import reports, and keeps
-    the other entries of each corpus under "merged". Statistics and vocabulary are those of the new training split.
-    Nothing is left of `dst` if the work is interrupted.
+    the other entries of each corpus under "merged". Nothing is left of `dst` if the work is interrupted.
 
     Raises:
-        UserError: `dst` exists, there are fewer than two corpora or one is given twice, a corpus cannot be read, or
-            skeletons or frame rates differ.
+        UserError: `dst` exists, there are fewer than two corpora, one is damaged or occurs twice, or they do not fit.
     """
     corpora = [Corpus.open(path) for path in paths]
     _check_that_they_fit(corpora)

@@ -1,8 +1,4 @@
-"""Speech inputs of a model: features of a whole clip, computed once, and windows cut from them.
-
-Training and synthesis both take their inputs from here, so that a window of a long recording gives the same inputs as
-in training.
-"""
+"""Speech inputs of a model, in training and synthesis: features of a whole clip, computed once, and windows of them."""
 
 from collections.abc import Callable, Collection, Sequence
 from typing import NamedTuple
@@ -18,10 +14,9 @@ class Speech(NamedTuple):
     """Speech features of a clip.
 
     Attributes:
-        tracks: features of the whole clip by name of the input: "mel" (128, columns) float16 dB, "asr_mel"
-            (80, columns) float16, "audio" (samples,) float32; half precision is finer than 0.07 dB.
-        starts: (n,) start of each word in seconds, in ascending order.
-        ends: (n,) latest end of the words up to each one in seconds, in ascending order.
+        tracks: features of the whole clip by name of the input: "mel" (128, columns) float16 dB, "asr_mel" (80,
+            columns) float16, "audio" (samples,) float32; half precision is finer than 0.07 dB.
+        starts, ends: (n,) start of each word, and latest end of the words up to it, in seconds; both ascend.
     """
 
     tracks: dict[str, np.ndarray]
@@ -47,9 +42,7 @@ INPUTS = (*_TRACKS, "words", "plain_words")
 
 
 def prepare(audio: np.ndarray, words: Sequence[Word], inputs: Collection[str]) -> Speech:
-    """Compute the speech features of a clip (samples,) at 16 kHz, from which `window` cuts the inputs, names among
-    `INPUTS`.
-    """
+    """Compute the features of a clip (samples,) at 16 kHz from which `window` cuts the inputs, names among `INPUTS`."""
     tracks = {name: make(audio) for name, (make, _) in _TRACKS.items() if name in inputs}
     for track in tracks.values():
         track.setflags(write=False)

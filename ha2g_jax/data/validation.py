@@ -1,8 +1,4 @@
-"""Validation of a corpus: the checksums of its files, and whether the content of every record is plausible.
-
-A finding is an error that makes training or its scores wrong. A note is a property of the data that is worth knowing
-but common: the splits of TED, for example, have clips of the same videos.
-"""
+"""Validation of a corpus: findings are errors that spoil training or its scores, notes are common properties."""
 
 import collections
 import itertools
@@ -79,7 +75,6 @@ def _damaged_shards(corpus: Corpus) -> Iterator[str]:
 
 
 def _check_record(clips: Clips, index: int, split: str, tally: "_Tally") -> list[str]:
-    """Return the findings of one record, each with the name of the clip and of the record."""
     try:
         fields = clips.fields(index)
     except UserError as error:
@@ -169,8 +164,6 @@ class _Stretch(NamedTuple):
 
 
 class _Tally:
-    """Ids, recordings and changes of bone lengths over the whole corpus."""
-
     def __init__(self, corpus: Corpus):
         self._corpus, self.skeleton = corpus, corpus.skeleton
         self._ids: set[str] = set()

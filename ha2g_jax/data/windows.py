@@ -1,8 +1,4 @@
-"""Training windows: N frames of a clip with the speech inputs of the same time.
-
-Windows overlap, so they are not copied: the features of a clip are computed when one of its windows is first used, and
-a window is a slice of these features. Before that there is only an index.
-"""
+"""Training windows: slices of N frames of a clip, whose features are computed when its first window is used."""
 
 import copy
 import threading
@@ -83,13 +79,9 @@ def _num_bytes(track: Track) -> int:
 
 
 class WindowIndex(NamedTuple):
-    """The windows of a split, and the names and speakers of its clips.
+    """The windows (W,) of a split, by number of the clip and first frame, with the names and speakers of its clips.
 
     Attributes:
-        clips: (W,) int32 number of the clip of each window.
-        starts: (W,) int32 first frame of each window.
-        names: id of each clip.
-        speakers: (clips,) int32 index of the speaker of each clip.
         lasts: (clips,) int32 last frame of each clip at which a window can start.
     """
 
@@ -106,8 +98,7 @@ def make_index(
     """Index the windows of a split, see `Windows`; audio and images stay compressed.
 
     Raises:
-        UserError: no clip has a window of N frames, or a record is damaged or has too few images; the message names
-            the record.
+        UserError: no clip has a window of N frames, or the named record is damaged or has too few images.
     """
     clips = corpus.clips(split)
     speaker_index = {name: index for index, name in enumerate(corpus.speakers)}
@@ -235,10 +226,7 @@ class Windows:
         return self._find(index)[0]
 
     def directions(self, index: int) -> np.ndarray:
-        """Return only the motion of a window, (N, bones, 3) float32 unit vectors, without decoding audio.
-
-        It is fastest in ascending order of the indices.
-        """
+        """Return only the motion of a window, (N, bones, 3) float32 unit vectors; ascending indices are fastest."""
         number, start = self._find(index)
         track, last = self._cache.peek(number), self._last_motion
         if track is not None:

@@ -23,8 +23,8 @@ def analyse(paths: Sequence[pathlib.Path], study: pathlib.Path) -> dict[str, Any
 
     Returns:
         "study", "title", "level"; "participants", "excluded" and "answers" (what was counted); "opinion", "preference"
-            and "mismatch", each None without such answers; "agreement"; "comments". Numbers that are undefined are
-            None, and a bound that has no end is "inf" or "-inf".
+        and "mismatch", each None without such answers; "agreement"; "comments". Numbers that are undefined are
+        None, and a bound that has no end is "inf" or "-inf".
 
     Raises:
         UserError: there is no key or no answer file, or the package of the extra report is missing.

@@ -1,7 +1,6 @@
 """The body of the Talk corpus: joint angles of trunk, head, arms and fingers, and forward kinematics.
 
-Both arms are computed as left arms and the right one is mirrored. Within the trunk, x is outward
-(to the person's left), y down, and the person faces -z.
+The right arm is computed as a left one and mirrored. Within the trunk, x is outward, y down; the person faces -z.
 """
 
 import itertools
@@ -68,10 +67,7 @@ def within_limits(body: Body) -> Body:
 
 
 def body_directions(skeleton: skeletons.Skeleton, body: Body) -> np.ndarray:
-    """Compute the direction vectors (T, bones, 3) of a body by forward kinematics, of unit length and float64.
-
-    The skeleton has the 43 joints of TED-Expressive.
-    """
+    """Compute the unit direction vectors (T, 42, 3) of a body of TED-Expressive by forward kinematics, in float64."""
     neutral = _neutral_directions(skeleton)
     directions = np.zeros((len(body.trunk), skeleton.num_bones, 3))
     trunk = _rotation(body.trunk)
@@ -93,16 +89,13 @@ def body_directions(skeleton: skeletons.Skeleton, body: Body) -> np.ndarray:
 
 
 def reach(skeleton: skeletons.Skeleton, wrist: tuple[float, float, float], swivel: float) -> np.ndarray:
-    """Find the arm angles that put the wrist at a point (inverse kinematics of the left arm).
+    """Find the arm angles that put the wrist at a point: (4,) flexion, abduction, rotation and elbow in degrees.
 
     Args:
-        wrist: position of the wrist relative to the shoulder, in metres outward, up and forward; a point out of reach
-            is moved along its direction into reach.
+        wrist: position of the wrist of the left arm relative to the shoulder, in metres outward, up and forward; a
+            point out of reach is moved along its direction into reach.
         swivel: rotation of the elbow about the line from shoulder to wrist, in degrees; 0 is straight below the line,
             positive is outward.
-
-    Returns:
-        (4,) flexion, abduction, rotation and elbow in degrees.
     """
     upper_length = float(skeleton.lengths[skeleton.bone("left_elbow")])
     fore_length = float(skeleton.lengths[skeleton.bone("left_wrist")])
@@ -152,8 +145,7 @@ def _neutral_directions(skeleton: skeletons.Skeleton) -> np.ndarray:
 
 
 def _arm_frames(angles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the upper arm (T, 3), the forearm (T, 3) and the hand's axes (T, 3, 3): along it, to the thumb, to its
-    back."""
+    """Return upper arm and forearm (T, 3), and the hand's axes (T, 3, 3): along it, to the thumb, to its back."""
     flexion, abduction, rotation, elbow, pronation, extension, deviation = angles.T
     upper, forward, sideways = _upper_arm(flexion, abduction)
     bend = _between(forward, sideways, rotation)

@@ -149,7 +149,6 @@ def _check(num_speakers: int, minutes: float, seed: int, fps: int, synthesiser: 
 
 
 def _say_how_long(minutes: float, workers: int) -> None:
-    """Say on stderr how much is made and how long it takes, unless it is a matter of seconds."""
     expected = minutes * _SECONDS_PER_MINUTE / min(workers, os.cpu_count() or 1)
     if expected > 30:
         tqdm.tqdm.write(
@@ -195,7 +194,6 @@ def _coprime(number: int, least: int) -> int:
 
 
 def _make_clips(plan: _RecordingPlan, fps: int) -> list[bytes]:
-    """Make the encoded clips of one recording, in order of time."""
     from ha2g_jax.data.talk import teacher
 
     speech_rng, noise_rng, motion_rng = (np.random.default_rng(seed) for seed in plan.seed.spawn(3))

@@ -30,13 +30,9 @@ _START, _END = (
 
 
 class FliteVoice(NamedTuple):
-    """A speaker's voice in the terms of Flite.
+    """A speaker's voice in the terms of Flite: one of `FLITE_VOICES`, whose sounds come from recordings of a person.
 
-    Attributes:
-        name: one of `FLITE_VOICES`, whose sounds come from recordings of a person.
-        pitch: ratio of the pitch to that of the person; that of "rms" follows the formants alone.
-        rate: ratio of the rate of speech to that of the person.
-        formants: ratio of the formants to those of the person; a shorter vocal tract has higher ones.
+    Pitch, rate of speech and formants are ratios to those of the person; the pitch of "rms" follows the formants alone.
     """
 
     name: str
@@ -109,7 +105,6 @@ def say(markup: str, voice: FliteVoice) -> Utterance:
 
 
 def _chunks(markup: str) -> list[_Chunk]:
-    """Divide a text at its breaks."""
     chunks: list[_Chunk] = []
     silence = 0.0
 

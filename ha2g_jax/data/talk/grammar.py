@@ -1,7 +1,6 @@
-"""Random sentences of the Talk corpus, marked up for emphasis, pauses, rate and pitch.
+"""Random sentences of the Talk corpus from a context-free grammar, marked up for emphasis, pauses, rate and pitch.
 
-The words come from a context-free grammar. The markup is drawn independently of the words, so that loudness and
-pitch carry information that the words do not.
+The markup is independent of the words, so that loudness and pitch carry information that the words do not.
 """
 
 import collections
@@ -207,10 +206,7 @@ _EMPHASIS = ((0.10, 90, 22), (0.15, 45, 10), (0.15, -35, -5))
 
 
 def sentences(rng: np.random.Generator) -> Iterator[str]:
-    """Yield random sentences as SSML without end.
-
-    Gesture-bearing words are drawn without replacement: each occurs once before any occurs again.
-    """
+    """Yield random sentences as SSML without end; each gesture-bearing word occurs once before any occurs again."""
     deck: collections.deque[str] = collections.deque()
     while True:
         clauses = []
@@ -244,7 +240,6 @@ def _expand(pattern: str, rng: np.random.Generator) -> list[str]:
 
 
 def _mark_up(tokens: list[str], rng: np.random.Generator) -> str:
-    """Mark up one sentence with a prosody for each phrase, emphasised words and pauses."""
     phrases: list[list[str]] = [[]]
     for token in tokens:
         if token == ",":

@@ -80,9 +80,7 @@ def _colour(ends: tuple[figure.Colour, figure.Colour], value: float) -> figure.C
 
 
 class Synthesiser(NamedTuple):
-    """A speech synthesiser: it draws a voice, says a sentence in the markup of `grammar`, and has a licence for the
-    corpus.
-    """
+    """A speech synthesiser, which draws a voice and says a sentence in the markup of `grammar`, and its licence."""
 
     sample_voice: Callable[[np.random.Generator], Any]
     say: Callable[[str, Any], speech.Utterance]

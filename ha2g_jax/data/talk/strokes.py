@@ -1,7 +1,6 @@
 """Cues of speech and the strokes that they cause: syllables, loudness, pitch, phrases and words become key poses.
 
-Acoustic cues do not depend on the words. All of them come from one short-time spectrum, and every level is relative to
-the recording's own loudness and noise floor, so that recorded speech works as well as synthetic speech.
+Every level is relative to the recording's own loudness and noise floor, for recorded and for synthetic speech.
 """
 
 from collections.abc import Sequence
@@ -119,9 +118,7 @@ class Beat(NamedTuple):
 
 
 class WordGesture(NamedTuple):
-    """A gesture of a word, in seconds: the preparation from start to ready, the hold from peak to release, and the end
-    of the retraction.
-    """
+    """A gesture of a word, in seconds: preparation from start to ready, hold from peak to release, then retraction."""
 
     word_class: str
     start: float
@@ -217,10 +214,7 @@ def gesture_keys(gestures: Sequence[WordGesture], ready: Sequence, peak: Sequenc
 
 
 def plan_posture(pauses: np.ndarray) -> list[tuple[float, float]]:
-    """Return the keys, for `track`, of the lean of the body in [-1, 1].
-
-    It changes sides in the first second of each pause (start, end), in seconds.
-    """
+    """Return the keys, for `track`, of the lean in [-1, 1], which changes sides in the first second of each pause."""
     keys = [(-1.0, 0.7)]
     side = -1.0
     for start, end in pauses:

@@ -185,8 +185,7 @@ def _beat_angles(height: np.ndarray, outward: np.ndarray) -> np.ndarray:
 
 
 def _trunk_and_head(times, found, style, latency) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[Stroke]]:
-    """Compute the movement of middle-level causes: pitch lifts head and shoulders, accents cause nods, pauses change
-    the posture."""
+    """Compute middle-level movement: pitch lifts head and shoulders, accents cause nods, pauses change the posture."""
     size = 2.0 ** (0.5 * style.amplitude - 0.3 * style.mixing)
     pitch = _sample(found.pitch, (times - latency) * strokes.RATE)
     nods = [(-1.0, 0.0)]

@@ -133,8 +133,6 @@ class _Table(NamedTuple):
 
 
 class _Field(NamedTuple):
-    """One field of a schema."""
-
     name: str  # may be empty
     type: int  # a number of Arrow's `Type`
     dtype: np.dtype | None  # of an INT or FLOAT
@@ -142,8 +140,6 @@ class _Field(NamedTuple):
 
 
 class _Layout(NamedTuple):
-    """Layout of an array of numbers in the body of a message."""
-
     dtype: np.dtype
     shape: tuple[int, ...]
     strides: tuple[int, ...] | None  # in bytes, None for row-major order

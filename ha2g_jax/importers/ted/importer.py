@@ -51,16 +51,14 @@ def import_ted(
     """Make a corpus of a TED data set; equal files give equal bytes, whatever the number of workers.
 
     Poses are resampled to 15 frames per second. Windows of 42 frames start every 10 frames; those that pass
-    `recording.TED` are kept, and clips without a window are not written. Unusable clips are reported on standard
-    error. There is one worker per core by default.
+    `recording.TED` are kept, and clips without a window are not written. Unusable clips are reported on stderr.
 
     Args:
         src: folder that contains `train`, `val` and `test`, or `lmdb_train` etc., or the folder of one database.
         split: name of the split if `src` is one database.
 
     Raises:
-        UserError: there is no database or a damaged one, its joints are those of neither data set, no window is left,
-            or `dst` exists.
+        UserError: there is no database or a damaged one, its joints are unknown, no window is left, or `dst` exists.
     """
     folders = _find_folders(pathlib.Path(src), split)
     _lmdb()
@@ -90,7 +88,6 @@ def import_ted(
 
 
 def _find_folders(src: pathlib.Path, split: str) -> dict[str, pathlib.Path]:
-    """Return the folder of the database of each split."""
     with reading(src, "a folder of TED-Expressive or TED-Gesture"):
         if (src / _FILE).exists():
             return {split: src}
@@ -189,9 +186,7 @@ class _Meta(NamedTuple):
 
 
 def check_whole(folder: pathlib.Path) -> int:
-    """Check that the file of a database is complete, without LMDB, which would read past its end.
-
-    Returns the number of records.
+    """Return the number of records of a database after a check that its file is whole; LMDB would read past its end.
 
     Raises:
         UserError: there is no such file, it is not an LMDB database, or it is shorter than it declares.

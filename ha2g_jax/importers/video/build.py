@@ -132,7 +132,6 @@ def _do(job: _Job) -> tuple[str, Extraction | None]:
 
 
 def _collect(results: Any, num_videos: int, work: pathlib.Path) -> _Outcome:
-    """Save the result of each video as it finishes."""
     outcome, clips = _Outcome({}, {}), 0
     with tqdm.tqdm(desc="Videos", total=num_videos, unit="video", disable=None, leave=False) as bar:
         for job, result in results:
@@ -155,7 +154,6 @@ def _collect(results: Any, num_videos: int, work: pathlib.Path) -> _Outcome:
 def _write(
     writer: CorpusWriter, split: str, keys: Sequence[str], work: pathlib.Path
 ) -> tuple[SplitReport, dict[str, float]]:
-    """Write the clips in the order of the keys, and return the sums of the counts."""
     report = SplitReport()
     counts: dict[str, float] = dict.fromkeys(_COUNTS, 0)
     for key in keys:

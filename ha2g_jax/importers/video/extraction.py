@@ -201,14 +201,10 @@ def scene_detector() -> Any:
 
 
 def find_shots(video: pathlib.Path, threshold: float = VideoSettings.shot_threshold) -> list[tuple[int, int]]:
-    """Find the shots of a video by PySceneDetect's content detector.
+    """Return [first image, end image) of each shot of a video, in order, by PySceneDetect's content detector.
 
-    Images are counted as they are decoded and passed to the detector by number, so that shots are in numbers of images
-    even if the frame rate varies; PySceneDetect alone would count time. The threshold is the mean change of hue,
-    saturation and brightness (each of 255) between two images that makes a cut.
-
-    Returns:
-        [first image, end image) of each shot, in order of time; the whole video if it has no cut.
+    Images are counted as they are decoded and passed to the detector by number, as the frame rate may vary. The
+    threshold is the mean change of hue, saturation and brightness (each of 255) between two images that makes a cut.
 
     Raises:
         UserError: the file has no readable images, or PySceneDetect is not installed.
@@ -232,17 +228,14 @@ def find_shots(video: pathlib.Path, threshold: float = VideoSettings.shot_thresh
 
 
 def is_visible(confidence: np.ndarray, min_confidence: float, min_visible: float) -> bool:
-    """Return whether all keypoints are seen at once, see `seen`, in more than `min_visible` of the images (condition
-    1).
-    """
+    """Return whether more than a fraction `min_visible` of the images show all keypoints, see `seen` (condition 1)."""
     return bool(seen(confidence, min_confidence).mean() > min_visible)
 
 
 def is_still(positions: np.ndarray, skeleton: Skeleton, min_motion: float) -> bool:
     """Return whether both wrists of positions (T, joints, 3) in metres hardly move (condition 2).
 
-    The measure is that of the windows of the TED data: the variance of a wrist's position, summed over x, y and z. A
-    moving wrist has at least `min_motion` square metres.
+    A moving wrist has at least `min_motion` square metres of variance, summed over x, y and z.
     """
     wrists = positions[:, [skeleton.joint("left_wrist"), skeleton.joint("right_wrist")]].astype(np.float64)
     return bool((wrists.var(axis=0).sum(axis=-1) < min_motion).all())

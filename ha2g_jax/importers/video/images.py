@@ -75,11 +75,10 @@ def decode(video: pathlib.Path, container: InputContainer) -> Iterator[av.VideoF
 
 
 def image_times(video: pathlib.Path) -> np.ndarray:
-    """Read the times at which the images of a video are shown.
+    """Return the (T,) seconds from the start of its audio at which the images of a video are shown, strictly
+    increasing.
 
-    Returns:
-        (T,) seconds from the first sample of the audio, strictly increasing: the clock of `audio.read_audio` and of
-        words. If times are missing or not increasing, they are replaced by those of a constant rate.
+    If times are missing or not increasing, they are replaced by those of a constant rate.
 
     Raises:
         UserError: the file has no readable images, or was cut off.
@@ -136,10 +135,7 @@ def speaker_box(points: np.ndarray, skeleton: Skeleton, width: int, height: int)
 
 
 def crops(video: pathlib.Path, wanted: Sequence[tuple[int, Box]], size: int) -> list[np.ndarray]:
-    """Crop squares, each of the image of a number, in any order, from a video, and resize them.
-
-    Returns:
-        A (size, size, 3) uint8 image for each square, black beyond the edges of the video's image.
+    """Crop squares from images of a video by number, and resize them to (size, size, 3) uint8, black outside the image.
 
     Raises:
         UserError: an image cannot be read.
@@ -180,8 +176,7 @@ def _inside(middle: float, side: int, size: int) -> int:
 def _stated_seconds(container: InputContainer) -> float:
     """Return the minimum duration of the images of a complete file, negative if the file does not declare it.
 
-    It is based on the shorter of the durations that the file and its video stream declare, because either may include
-    parts that were cut away, or the audio.
+    It is the shorter duration of file and stream, because either may include parts that were cut away, or the audio.
     """
     stream = container.streams.video[0]
     of_stream = float((stream.duration or 0) * (stream.time_base or 0))
@@ -198,7 +193,6 @@ def _unreadable(video: pathlib.Path, error: Exception) -> UserError:
 
 
 def _check_size(video: pathlib.Path, width: int, height: int, layout: av.VideoFormat | None) -> int:
-    """Return the number of bytes of a decoded image."""
     parts = layout.components if layout is not None else ()
     num_bytes = sum(-(-part.bits // 8) * part.width * part.height for part in parts)
     if width * height > MAX_VIDEO_PIXELS or num_bytes > MAX_VIDEO_IMAGE_BYTES:

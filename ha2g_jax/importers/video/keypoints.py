@@ -64,17 +64,11 @@ class Keypoints(NamedTuple):
 def from_holistic(
     world: np.ndarray, image: np.ndarray, left_hand: np.ndarray, right_hand: np.ndarray, sizes: np.ndarray
 ) -> Keypoints:
-    """Convert the landmarks of MediaPipe Holistic to keypoints.
+    """Convert the landmarks of MediaPipe Holistic, see the docstring of `holistic`, to keypoints.
 
     A hand that was found is attached to the wrist of the body, whose position in the image may differ slightly. The
     spine keypoint is inside the chest. It has the confidence of the shoulders if it lies in the image, so that a
     speaker behind a desk counts as visible; otherwise it has that of the hips.
-
-    Args:
-        world: (T, 33, 4) position in metres, and visibility, of the landmarks of the body.
-        image: (T, 33, 2) landmarks of the body in pixels.
-        left_hand, right_hand: (T, 21, 3) landmarks of a hand in pixels, with depth in the same unit.
-        sizes: (T, 2) width and height of the images in pixels.
     """
     skeleton = load_skeleton("ted_expressive")
     visibility = np.nan_to_num(world[..., 3])
@@ -98,7 +92,6 @@ def from_holistic(
 
 
 def _add_torso(skeleton: Skeleton, out: np.ndarray, landmarks: np.ndarray) -> None:
-    """Set neck and spine, in metres or in pixels."""
     left, right = (landmarks[:, index] for index in _SHOULDERS)
     shoulders, hips = (left + right) / 2, landmarks[:, _HIPS].mean(axis=1)
     up = _unit(shoulders - hips)

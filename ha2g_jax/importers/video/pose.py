@@ -1,7 +1,4 @@
-"""Estimation of the speaker's 43 keypoints in each image of a video, by an estimator in a separate process.
-
-MediaPipe Holistic has a virtual environment of its own, because it needs numpy < 2.
-"""
+"""Estimation of the speaker's 43 keypoints in each image of a video, by an estimator in a separate process."""
 
 import contextlib
 import importlib.resources
@@ -106,11 +103,7 @@ def _estimate_with_holistic(video: pathlib.Path, out: pathlib.Path) -> Keypoints
 def _estimator(
     arguments: list[str], video: pathlib.Path, out: pathlib.Path, stdin: int
 ) -> Iterator[subprocess.Popen[bytes]]:
-    """Run an estimator to its end after this context, which kills it if it is left by an exception.
-
-    Raises:
-        UserError: it cannot be started, fails, or does not write `out`.
-    """
+    """Run an estimator to its end after this context, which kills it if it is left by an exception."""
     with tempfile.TemporaryFile() as log:
         try:
             process = subprocess.Popen(arguments, stdin=stdin, stdout=log, stderr=log, env=_environment())
@@ -215,9 +208,7 @@ def install(python: str | os.PathLike | None = None) -> pathlib.Path:
 
 
 def holistic_command() -> list[str]:
-    """Return the command line of `holistic`, without the path of its output.
-
-    $HA2G_POSE_PYTHON may name the interpreter of another environment that has MediaPipe.
+    """Return the command line of `holistic` without its output, by the interpreter of $HA2G_POSE_PYTHON if it is set.
 
     Raises:
         UserError: the environment is not installed.
@@ -250,7 +241,6 @@ def _is_whole(folder: pathlib.Path, pins: str) -> bool:
 
 
 def _find_python(python: str | os.PathLike | None) -> str:
-    """Find an interpreter that MediaPipe has wheels for."""
     names = [f"python{version}" for version in _PYTHONS]
     candidates = [os.fspath(python)] if python is not None else [sys.executable, *names]
     for candidate in candidates:

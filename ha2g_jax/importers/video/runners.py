@@ -82,7 +82,6 @@ def local(
 
 
 def _end(worker: _Worker) -> None:
-    """End a worker and all that it has started."""
     assert worker.process.pid is not None
     with contextlib.suppress(ProcessLookupError, PermissionError):  # nothing of its group is left
         os.killpg(worker.process.pid, signal.SIGKILL)
@@ -118,7 +117,7 @@ def ray(
     workers: int | None = None,
     address: str | None = None,
 ) -> Generator[tuple[Item, Result | Exception], None, None]:
-    """Call a function on each item as a task of one CPU on a Ray cluster; tasks are repeated if a node or worker dies.
+    """Call a function on each item as a task of one CPU on a Ray cluster, and yield as `local`; it repeats lost tasks.
 
     Every node must have this package, and find the files of the items under the same paths.
 
@@ -126,9 +125,6 @@ def ray(
         workers: number of simultaneous tasks; the number of CPUs of the cluster by default.
         address: address of the cluster; None for the one that $RAY_ADDRESS names or that runs on this machine, else a
             new one for this call.
-
-    Yields:
-        (item, result) as `local` does.
 
     Raises:
         UserError: Ray is not installed, or there is no cluster at the address.

@@ -145,9 +145,7 @@ def read_settings(path: str | pathlib.Path) -> VideoSettings:
 
 
 def from_pairs(pairs: Iterable[str], base: VideoSettings | None = None) -> VideoSettings:
-    """Replace some values of settings, by default the defaults, by pairs of the command line.
-
-    They are NAME=VALUE such as "min_seconds=3", "recognise=tiny.en" or "filters.min_words=none".
+    """Replace some values of settings, by default the defaults, by pairs NAME=VALUE such as "filters.min_words=none".
 
     Raises:
         UserError: a pair has no "=", a name is unknown, or a value is not one of those that the setting may have.
