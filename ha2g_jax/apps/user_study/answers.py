@@ -226,7 +226,7 @@ def _check(is_right: bool, what: str) -> None:
 class Ratings(NamedTuple):
     """Ratings, n of them: indices (n,) of what they are of, and the numbers (n, scales) that were chosen.
 
-    The system is an index of `systems`, and the clip is the one whose sound is heard.
+    A system is an index of `systems`, and the clip is the one whose sound is heard.
     """
 
     systems: tuple[str, ...]
@@ -270,9 +270,7 @@ def ratings_of(participants: Sequence[Participant], key: Key) -> Ratings:
 
 
 def choices_of(participants: Sequence[Participant], key: Key, kind: str) -> Choices:
-    """Collect the choices of a kind of pairs, whose first is the matched motion (`MISMATCH`), or the key's first
-    system.
-    """
+    """Collect the choices of a kind of pairs; the first one is the key's first system, or the matched motion."""
     rows = []
     for number, item, answer in _answers_of(participants, key, kind):
         first, second = (key.stimuli[name] for name in answer.item.stimuli)

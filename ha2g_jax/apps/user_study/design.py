@@ -78,7 +78,7 @@ class Item(NamedTuple):
 class Key:
     """What the owner of a study keeps: its id, which the answers repeat, and its stimuli by opaque id.
 
-    The time of creation is in ISO 8601; `per_participant` is the number of items of each kind that each one answers.
+    The time of creation is in ISO 8601. `per_participant` counts the items of each kind that a participant answers.
     """
 
     study: str

@@ -48,8 +48,9 @@ class Spread(NamedTuple):
 def jackknife(parts: np.ndarray, is_used: np.ndarray | None = None) -> Spread:
     """Return the delete-one variance, (G - 1) / G sum_g (s_g - mean s)^2.
 
-    The statistics `parts` (..., G) are without each of the G participants or clips, of which those in `is_used` (...,
-    G) have answers. The variance (...) is NaN where fewer than two are used or a statistic is undefined.
+    `parts` (..., G) are the statistic without each of the G participants or clips, and `is_used` says which have
+    answers, by default all. The variance (...) is NaN where fewer than two are used, or one of these statistics is
+    undefined.
     """
     is_used = np.ones(parts.shape, bool) if is_used is None else is_used
     count = is_used.sum(-1)
@@ -269,9 +270,7 @@ def fleiss_kappa(table: np.ndarray) -> float:
 
 
 def agreement(participants: np.ndarray, clips: np.ndarray, items: np.ndarray, answers: np.ndarray) -> CrossedEstimate:
-    """Return Fleiss' kappa of answers (n,), which agree if equal, with an interval over the (n,) participants and
-    clips.
-    """
+    """Return Fleiss' kappa of answers (n,), which agree if equal, with an interval over participants and clips (n,)."""
     _, item = np.unique(items, return_inverse=True)
     _, category = np.unique(answers, return_inverse=True)
     shape = (item.max() + 1, category.max() + 1)

@@ -132,7 +132,7 @@ def _make_key(
 class Sources(NamedTuple):
     """What a study shows: motion by system and clip, all of one skeleton with the same lengths of bones.
 
-    The sounds are (samples,) float32 at 16 kHz by clip. During the seconds of a clip there are sound and all motions.
+    The sounds are (samples,) float32 at 16 kHz by clip. For the duration of a clip there are sound and all motions.
     """
 
     motions: Mapping[str, Mapping[str, Motion]]

@@ -256,7 +256,9 @@ def _count(count: int, noun: str) -> str:
 
 
 def write_report(results: Mapping[str, Any], out: pathlib.Path) -> pathlib.Path:
-    """Write the report as an HTML page, as Markdown with charts, and as JSON, each completely or not at all.
+    """Write the report as HTML, as Markdown with charts, and as JSON, and return the path of the HTML page.
+
+    Each file is written completely or not at all.
 
     Raises:
         UserError: a file cannot be written, or matplotlib is missing.
