@@ -66,8 +66,6 @@ _PAIRWISE = 8  # channels from which NumPy adds in another order
 
 
 class _Block(NamedTuple):
-    """Decoded sound."""
-
     samples: np.ndarray  # (samples, channels) float32
     rate: int  # samples per second
     declared: int = 0  # samples of the whole file by its header, 0 if it does not say
@@ -124,11 +122,8 @@ def _mono(decode: Callable[[pathlib.Path], Iterator[_Block]], path: pathlib.Path
 def _collect(
     blocks: Iterator[_Block], name: str, max_seconds: float, channel: int | None = None
 ) -> tuple[np.ndarray, float, np.ndarray]:
-    """Read the sound of blocks, which is resampled block by block, with the same samples as all of it at once.
-
-    Returns:
-        (samples,) float32 at 16 kHz, the mean of the channels or one of them; the sum of its squares before it is
-        resampled, and that of each channel.
+    """Read the sound of blocks with the same samples as all of it at once: (samples,) float32 at 16 kHz, the mean of
+    the channels or one of them; and, before it is resampled, the sum of its squares and that of each channel.
     """
     parts, num_samples, num_bad, rate, resampler = [], 0, 0, SAMPLE_RATE, None
     power, powers = 0.0, np.zeros(0)
@@ -264,9 +259,8 @@ def sound_track(container: InputContainer) -> av.AudioStream | None:
 
 
 def sound_start(path: pathlib.Path) -> float:
-    """Return when the sound of a file starts on the clock of the file, by which its images and subtitles are shown.
-
-    It is 0 seconds for a file without sound, or whose frames have no times.
+    """Return when the sound of a file starts on the clock of its images and subtitles; 0 seconds without sound or
+    times.
 
     Raises:
         One of `MEDIA_ERRORS`: the file cannot be read, or is no recording.

@@ -1,8 +1,4 @@
-"""Speech with known word times: espeak-ng, called in this process through ctypes.
-
-The library and its voices come from the `espeakng-loader` wheel, so nothing is installed on the system.
-Its callback delivers the samples together with the onset of every word and phoneme.
-"""
+"""Speech with known word times: espeak-ng from the `espeakng-loader` wheel, called in this process through ctypes."""
 
 import _ctypes
 import contextlib
@@ -76,11 +72,8 @@ def sample_voice(rng: np.random.Generator) -> Voice:
 
 
 class Utterance(NamedTuple):
-    """Spoken text with the times of its words.
-
-    Attributes:
-        audio: (samples,) float32 in [-1, 1] at 16 kHz.
-        words: words in the order spoken, lower case and without punctuation, times in seconds.
+    """Spoken text: (samples,) float32 in [-1, 1] at 16 kHz, and its words in order in lower case, with times in
+    seconds.
     """
 
     audio: np.ndarray
@@ -181,11 +174,7 @@ def fresh_library() -> Iterator[tuple[ctypes.CDLL, int]]:
 
 
 def _place_words(ssml: str, onsets: list[tuple[int, int]], pauses: list[int], rate: int) -> tuple[Word, ...]:
-    """Return words with their times; a word ends where the next word or a pause begins.
-
-    espeak-ng has entries of several words ("of the"), which raise one event; its span is divided among these words by
-    their number of letters.
-    """
+    """Return words with their times; the span of an entry of several words ("of the") is divided by their letters."""
     sample_at = dict(reversed(onsets))
     groups: list[tuple[int, list[str]]] = []
     for match in _TOKEN.finditer(ssml):

@@ -60,17 +60,11 @@ _COLUMNS = 256  # columns that are filtered together: few enough for a single th
 
 
 def log_mel(audio: np.ndarray, reference: float | None = None) -> np.ndarray:
-    """Compute the log-mel spectrogram of a clip in dB relative to its maximum (D11).
+    """Compute the log-mel spectrogram (128, 1 + samples // 512) float32 in [-80, 0] dB of a clip (samples,) at 16 kHz.
 
     For a clip of ordinary loudness this is `librosa.power_to_db(melspectrogram(...), ref=np.max)`. Unlike that of
-    librosa, the floor is relative to the clip, so that the result does not depend on the volume, and silence is at the
-    floor and not at 0 dB. `reference` is the mel power of 0 dB, by default the maximum of the clip.
-
-    Args:
-        audio: (samples,) float32 at 16 kHz, at least 1 sample.
-
-    Returns:
-        (128, 1 + samples // 512) float32 in [-80, 0].
+    librosa, the floor is relative to the clip (D11), so that the result does not depend on the volume, and silence is
+    at the floor and not at 0 dB. `reference` is the mel power of 0 dB, by default the maximum of the clip.
     """
     power = mel_power(np.pad(np.asarray(audio, np.float32), FFT_SIZE // 2, mode="reflect"))
     return decibels(power, float(np.max(power)) if reference is None else reference)
@@ -87,9 +81,7 @@ def mel_power(padded: np.ndarray) -> np.ndarray:
 
 
 def decibels(power: np.ndarray, reference: float) -> np.ndarray:
-    """Return mel powers (128, columns) in dB relative to a reference power, in [-80, 0]; all of them -80 if the
-    reference is silence.
-    """
+    """Return mel powers (128, columns) in dB relative to a reference power, in [-80, 0]; -80 if that is silence."""
     if reference < _SILENCE_POWER:
         return np.full(power.shape, FLOOR_DB, np.float32)
     ratio = np.clip(power / np.float32(reference), 10 ** (FLOOR_DB / 10), 1)
@@ -97,11 +89,7 @@ def decibels(power: np.ndarray, reference: float) -> np.ndarray:
 
 
 def sound_power(power: np.ndarray) -> float:
-    """Compute the mean power of a sound, up to a constant factor.
-
-    A band of the mel powers (128, columns) holds power per hertz (Slaney's area normalisation), so bands are weighted
-    by their width.
-    """
+    """Compute the mean power of a sound, up to a constant factor, from its mel powers (128, columns) per hertz."""
     edges = mel_frequencies(NUM_MELS + 2)
     widths = edges[2:] - edges[:-2]
     return float(widths @ power.mean(axis=1) / widths.sum())
@@ -118,9 +106,8 @@ def window_columns(num_frames: int, fps: float) -> int:
 
 
 def mel_window(mel: np.ndarray, start_frame: int, num_frames: int, fps: float) -> np.ndarray:
-    """Return the spectrogram (128, `window_columns`) of a window of a clip (128, columns) in dB.
-
-    Past the end of the clip there is silence (-80 dB).
+    """Return the spectrogram (128, `window_columns`) of a window of a clip (128, columns) in dB, silent past its
+    end.
     """
     start, columns = window_column(start_frame, fps), window_columns(num_frames, fps)
     window = mel[:, start : start + columns]
@@ -153,17 +140,10 @@ def _asr_scale(decades):  # type: ignore[no-untyped-def]
 
 
 def asr_log_mel(audio: np.ndarray, num_mels: int = NUM_ASR_MELS) -> np.ndarray:
-    """Compute Whisper's log-mel spectrogram of a whole clip, with column c centred on c / 100 s.
+    """Compute Whisper's log-mel spectrogram (num_mels, 1 + samples // 160) float32 of a clip (samples,) at 16 kHz.
 
-    Whisper drops the last column, which is kept here. All values lie between -1.5, which is silence, and about 2, so
-    that they can be stored as float16.
-
-    Args:
-        audio: (samples,) float32 at 16 kHz, at least 1 sample.
-        num_mels: number of mel bands of the encoder.
-
-    Returns:
-        (num_mels, 1 + samples // 160) float32.
+    Column c is centred on c / 100 s; Whisper drops the last one, which is kept here. All values lie between -1.5, which
+    is silence, and about 2, so that they can be stored as float16.
     """
     padded = np.pad(np.asarray(audio, np.float32), _ASR_FFT_SIZE // 2, mode="reflect")
     power = mel_spectrum(power_spectrum(padded, _ASR_FFT_SIZE, _ASR_HOP_LENGTH), num_mels)
@@ -183,9 +163,8 @@ def asr_columns(num_frames: int, fps: float) -> int:
 
 
 def asr_window(mel: np.ndarray, start_frame: int, num_frames: int, fps: float) -> np.ndarray:
-    """Return the spectrogram (num_mels, `asr_columns`) of a window of a clip (num_mels, columns).
-
-    Past the end of the clip there is the floor of the clip, which silence in the clip has, too.
+    """Return the spectrogram (num_mels, `asr_columns`) of a window of a clip; past its end there is the clip's
+    floor.
     """
     start, columns = round(start_frame * ASR_COLUMNS_PER_SECOND / fps), asr_columns(num_frames, fps)
     window = mel[:, start : start + columns]
@@ -199,11 +178,8 @@ def asr_window(mel: np.ndarray, start_frame: int, num_frames: int, fps: float) -
 def power_spectrum(padded: np.ndarray, fft_size: int, hop_length: int) -> np.ndarray:
     """Compute |STFT|^2 with a periodic Hann window, `abs(librosa.stft(padded, center=False)) ** 2`.
 
-    Args:
-        padded: (samples,) float32 sound, at least `fft_size` samples; the first column begins with the first sample.
-
-    Returns:
-        (1 + fft_size // 2, 1 + (samples - fft_size) // hop_length) float32, in column-major order.
+    The sound is (samples,) float32, of at least `fft_size` samples, and the first column begins with the first of them.
+    The result (1 + fft_size // 2, 1 + (samples - fft_size) // hop_length) is float32 in column-major order.
     """
     hann = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(fft_size) / fft_size)
     columns = np.lib.stride_tricks.sliding_window_view(padded, fft_size)[::hop_length]
@@ -216,17 +192,11 @@ def power_spectrum(padded: np.ndarray, fft_size: int, hop_length: int) -> np.nda
 
 
 def mel_spectrum(power: np.ndarray, num_mels: int) -> np.ndarray:
-    """Filter power spectra with the triangles of the mel scale, `mel_filters(...) @ power`.
+    """Filter power spectra (1 + fft_size // 2, columns) to (num_mels, columns) float32, `mel_filters(...) @ power`.
 
     Neighbouring bands are a product with the frequencies of these bands alone. The products have a tenth of the
     multiplications, and are too small to be divided among the threads of BLAS, which wait for each other in a loop and
     so take cores from a training step or a generation beside them.
-
-    Args:
-        power: (1 + fft_size // 2, columns) float32, from `power_spectrum`.
-
-    Returns:
-        (num_mels, columns) float32.
     """
     fft_size = 2 * (len(power) - 1)
     filters = mel_filters(fft_size, num_mels)
@@ -252,11 +222,7 @@ def _groups(fft_size: int, num_mels: int) -> list[tuple[slice, slice]]:
 
 @functools.cache
 def mel_filters(fft_size: int, num_mels: int) -> np.ndarray:
-    """Return triangles on Slaney's mel scale from 0 to 8 kHz, each of area 1, `librosa.filters.mel`.
-
-    Returns:
-        (num_mels, 1 + fft_size // 2) float32.
-    """
+    """Return triangles (num_mels, 1 + fft_size // 2) float32 of area 1 on Slaney's mel scale, `librosa.filters.mel`."""
     edges = mel_frequencies(num_mels + 2)
     distances, widths = edges[:, None] - np.fft.rfftfreq(fft_size, 1 / SAMPLE_RATE), np.diff(edges)[:, None]
     triangles = np.minimum(-distances[:-2] / widths[:-1], distances[2:] / widths[1:])
@@ -275,14 +241,10 @@ def mel_frequencies(count: int) -> np.ndarray:
 
 
 class RunningMel:
-    """The last columns of the spectrogram of speech that arrives in pieces, in memory that does not grow.
+    """The last `num_columns` of the spectrogram of speech that arrives in pieces, in memory that does not grow.
 
-    They are those of `log_mel`. Only 0 dB differs: the maximum of a clip is not known before its end, so that 0 dB is a
-    running level, which each window takes as it is at its time.
-
-    Args:
-        num_columns: number of columns that are kept.
-        reference: mel power of 0 dB; by default a running level that starts at `TYPICAL_POWER`.
+    They are those of `log_mel`, but 0 dB is the mel power `reference` or, because the maximum of a clip is not known
+    before its end, a running level from `TYPICAL_POWER`, which each window takes as it is at its time.
     """
 
     def __init__(self, num_columns: int, reference: float | None = None):
@@ -317,9 +279,8 @@ class RunningMel:
         self._add_column(padded[start : start + FFT_SIZE])
 
     def window(self, start: int, columns: int) -> np.ndarray:
-        """Return columns of the spectrogram, (128, columns) float32 dB, at the precision of `data.speech`.
-
-        Columns before the start of the speech, and those that are not computed, are silence.
+        """Return columns (128, columns) float32 dB at the precision of `data.speech`; those not computed are
+        silence.
         """
         end = start + columns
         known = min(max(end, start), self._num_columns)

@@ -25,11 +25,7 @@ class Word(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Vocabulary:
-    """The words of a training split; index 0 is padding, index 1 is any unknown word.
-
-    Attributes:
-        words: known words in lower case; word i has index i + 2.
-    """
+    """The known words of a training split in lower case; index 0 is padding, 1 any unknown word, i + 2 is word i."""
 
     words: tuple[str, ...]
 
@@ -76,11 +72,8 @@ def words_to_frames(
 
 
 def plain_words(words: Sequence[Word], vocabulary: Vocabulary, start_time: float, duration: float) -> np.ndarray:
-    """Return the words that overlap a stretch of speech without their times, for a model that reads sentences.
-
-    Returns:
-        (32,) int32: the mark of the start, `len(vocabulary)`; the words, at most the first 30; the mark of the end,
-        `len(vocabulary) + 1`; then padding.
+    """Return the words that overlap a stretch of speech without their times, for a model that reads sentences: (32,)
+    int32 with the mark of the start, `len(vocabulary)`, at most 30 words, the mark of the end, one more, and padding.
     """
     inside = [word for word in words if word.end > start_time and word.start < start_time + duration]
     indices = [vocabulary.encode(word.text) for word in inside[: MAX_PLAIN_WORDS - 2]]

@@ -46,11 +46,7 @@ class Ranks(NamedTuple):
 
 
 def arm_ranks(points: dict[str, np.ndarray], head: np.ndarray) -> tuple[Ranks, Ranks]:
-    """Compute the ranks of the left arm and of the right arm by their depths where they cross.
-
-    Args:
-        head: (T, 3) centre of the head in metres.
-    """
+    """Compute the ranks of the left and the right arm by their depths where they cross; the head is (T, 3) metres."""
     chains = np.stack([chain for side in ("left", "right") for chain in _chains(points, side)], axis=1)
     places, depths = project(chains), chains[..., 2]
     apart = places[:, :, None, :, None] - places[:, None, :, None, :]
@@ -66,7 +62,6 @@ def arm_ranks(points: dict[str, np.ndarray], head: np.ndarray) -> tuple[Ranks, R
 
 
 def _chains(points: dict[str, np.ndarray], side: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return six points (T, 6, 3) along the upper arm, and along the forearm with the hand."""
     shoulder, elbow, wrist = (points[f"{side}_{joint}"] for joint in ("shoulder", "elbow", "wrist"))
     hand = points.get(f"{side}_middle_2", wrist + 0.3 * (wrist - elbow))
     upper = [shoulder + part * (elbow - shoulder) for part in np.linspace(0, 1, 6)]
@@ -104,12 +99,10 @@ class Outlines(NamedTuple):
 
 
 def outline(positions: np.ndarray, skeleton: Skeleton, look: Look, detail: int = 1) -> Outlines:
-    """Compute the outlines of a figure in T poses from the front.
+    """Compute the outlines of a figure in T poses (T, joints, 3) from the front, in metres with y down.
 
-    Args:
-        positions: (T, joints, 3) metres, y down; the root may be anywhere.
-        skeleton: skeleton of the positions; fingers and ears are drawn where it has them.
-        detail: factor of the number of points of a curve; 1 suffices for images of a few hundred pixels.
+    Fingers and ears are drawn where the skeleton has them. `detail` is a factor of the number of points of a curve; 1
+    suffices for images of a few hundred pixels.
     """
     points = from_the_front(positions, skeleton)
     head = head_frame(points)
@@ -154,10 +147,8 @@ class View(NamedTuple):
     bottom: float
 
     def place(self, width: float, height: float) -> tuple[float, np.ndarray]:
-        """Place the view in an image as large as it fits, in the middle; the legs use half of the unused height.
-
-        Returns:
-            Pixels per metre, and the (2,) position of the spine in pixels.
+        """Return pixels per metre and the spine (2,) in pixels for the view in the middle of an image, as large as it
+        fits; the legs use half of the unused height.
         """
         scale = min(width / (self.right - self.left), height / (self.bottom - self.top))
         unused = height / scale - (self.bottom - self.top)
@@ -170,10 +161,8 @@ DEFAULT_VIEW = View(-0.56, -0.70, 0.56, 0.42)
 
 
 def fit(motions: Iterable[tuple[np.ndarray, Skeleton]]) -> View:
-    """Find the smallest view that contains the default view, and all figures in all their poses with a margin.
-
-    Args:
-        motions: (T, joints, 3) positions in metres, y down, and the skeleton of each figure.
+    """Find the smallest view that contains the default view, and all figures in all their poses (T, joints, 3) with a
+    margin.
     """
     low, high = np.array(DEFAULT_VIEW[:2]), np.array(DEFAULT_VIEW[2:])
     for positions, skeleton in motions:
@@ -185,7 +174,6 @@ def fit(motions: Iterable[tuple[np.ndarray, Skeleton]]) -> View:
 
 
 def _corners(points: dict[str, np.ndarray]) -> np.ndarray:
-    """Return the corners (T, n, 2) of squares around joints, hands and head."""
     centres = list(points.values())
     for side in ("left", "right"):
         if f"{side}_index_1" not in points:
@@ -201,11 +189,8 @@ def _corners(points: dict[str, np.ndarray]) -> np.ndarray:
 def draw_figure(
     positions: np.ndarray, skeleton: Skeleton, look: Look, width: int, height: int, view: View = DEFAULT_VIEW
 ) -> np.ndarray:
-    """Draw one pose as a (height, width, 3) uint8 RGB image.
-
-    Args:
-        positions: (joints, 3) metres, y down; the root may be anywhere.
-        view: part of the picture plane that the image shows at least; `fit` finds it for a motion.
+    """Draw one pose (joints, 3) in metres, y down, as a (height, width, 3) uint8 RGB image that shows `view` at
+    least.
     """
     figure = outline(positions[None], skeleton, look, detail=1 if height < _LARGE else 2)
     scale, spine = view.place(_SUPERSAMPLE * width, _SUPERSAMPLE * height)

@@ -166,11 +166,8 @@ def arm_shapes(points: dict[str, np.ndarray], side: str, look: Look, detail: int
 
 
 def hand_parts(points: dict[str, np.ndarray], side: str, look: Look, detail: int) -> list[Part]:
-    """Build palm and fingers, or a mitten where the skeleton has no fingers.
-
-    Returns:
-        The edge of the hand, which is behind everything else of it, the palm and each finger as parts of their own,
-        with their depths in metres as keys.
+    """Build the edge of the hand, which is behind the rest of it, and the palm and each finger, or a mitten where the
+    skeleton has no fingers, as parts with their depths in metres as keys.
     """
     wrist = points[f"{side}_wrist"]
     edge, lit = shade(look.skin, 0.72), shade(look.skin, 1.02)
@@ -323,12 +320,10 @@ def _half_turned(head: np.ndarray) -> np.ndarray:
 
 
 def _curve(head: np.ndarray, places: list[tuple[float, float, float]], detail: int = 1) -> np.ndarray:
-    """Return a smooth closed outline through places on the head."""
     return smooth(_places(head, places), detail)
 
 
 def _places(head: np.ndarray, places: Sequence[tuple[float, float, float]]) -> np.ndarray:
-    """Return places on the head in the picture plane (T, n, 2)."""
     return project(np.stack([_on_head(head, place) for place in places], axis=1))
 
 

@@ -14,11 +14,8 @@ _TINY = 1e-6  # metres and radians
 
 
 class Look(NamedTuple):
-    """Appearance of a figure; colours are RGB from 0 to 255.
-
-    Attributes:
-        build: factor of the width of the body, 1 for an average build.
-        hair_length: 0 for short hair to 1 for long hair.
+    """Appearance of a figure: RGB colours from 0 to 255, a build of 1 for the average, hair from 0 (short) to 1
+    (long).
     """
 
     skin: Colour
@@ -58,11 +55,8 @@ def capsules(
 ) -> list[np.ndarray]:
     """Build the outlines (T, 14 * detail + 4, 2) of n tapered capsules, the hulls of two discs each.
 
-    A capsule that points to the camera is a whole disc, so that there is no gap at a joint from any side.
-
-    Args:
-        starts, ends: (T, n, 3) metres.
-        wide, narrow: (n,) radii at the starts and at the ends in metres.
+    A capsule that points to the camera is a whole disc, so that there is no gap at a joint from any side. Starts and
+    ends are (T, n, 3), the radii there, `wide` and `narrow`, are (n,), all in metres.
     """
     first, last = project(starts), project(ends)
     wide, narrow = wide * enlarged(starts[..., 2]), narrow * enlarged(ends[..., 2])
@@ -83,12 +77,7 @@ def capsules(
 
 
 def hull(centres: np.ndarray, radii: np.ndarray, detail: int = 1) -> np.ndarray:
-    """Build the outline (T, 32 * detail, 2) of the convex hull of n discs.
-
-    Args:
-        centres: (T, n, 3) metres.
-        radii: (n,) or (T, n) metres.
-    """
+    """Build the outline (T, 32 * detail, 2) of the convex hull of n discs, with (T, n, 3) centres in metres."""
     rim = _directions(detail)
     places, radii = project(centres), radii * enlarged(centres[..., 2])
     # In each direction, the point of that disc which reaches farthest.

@@ -33,12 +33,7 @@ class Panel(NamedTuple):
 
 
 class Stage(NamedTuple):
-    """The part of an image that does not change over time.
-
-    Attributes:
-        clean: uint8 planes of the image without figures, (height, width) and twice (height / 2, width / 2).
-        canvas: brightness of the image without figures at twice the size.
-    """
+    """The part of an image that does not change: its uint8 planes, and its brightness `canvas` at twice the size."""
 
     panels: tuple[Panel, ...]
     background: Colour
@@ -119,10 +114,8 @@ def draw(
 
 
 def paint(stage: Stage, drawings: Sequence[Drawing], frame: int, planes: Sequence[np.ndarray]) -> None:
-    """Paint one frame of figures into the planes of an image.
-
-    Args:
-        planes: three uint8 arrays of the shapes of `Stage.clean`, which are overwritten.
+    """Paint one frame of figures into the planes of an image, uint8 of the shapes of `Stage.clean`, which are
+    overwritten.
     """
     for plane, clean in zip(planes, stage.clean, strict=True):
         plane[:] = clean

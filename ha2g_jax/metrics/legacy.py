@@ -186,7 +186,6 @@ def _windows(row: Row) -> np.ndarray | None:
 
 
 def _latents(row: Row) -> np.ndarray | None:
-    """Return the latents of whole and partial batches; None without an auto-encoder or a window."""
     windows = row.once(_windows)
     return None if row.reference.encode is None or windows is None else row.reference.encode(windows)
 
@@ -241,8 +240,6 @@ def _errors(row: Row) -> LegacyErrors | None:
 
 
 def _error(name: str) -> Callable[[Row], float | None]:
-    """Return a measure: one of the errors of reconstruction."""
-
     def measure(row: Row) -> float | None:
         errors = row.once(_errors)
         return None if errors is None else getattr(errors, name)

@@ -114,10 +114,7 @@ class Row(_Remembers):
 
 
 def mean_over_clips(row: Row, values: Sequence[float] | np.ndarray, weights: np.ndarray | None = None) -> Statistic:
-    """Return the mean of one value of each motion of a row, for any draw of recordings.
-
-    A motion whose value is NaN is left out; the weights (n,), such as `row.num_scored`, are all alike by default.
-    """
+    """Return the weighted mean of the values of a row's motions that are not NaN, for any draw of recordings."""
     return mean_by_recording(values, row.members, row.reference.num_recordings, weights)
 
 
@@ -163,11 +160,8 @@ def _positions(row: Row) -> list[np.ndarray]:
 
 
 class Cut(NamedTuple):
-    """The places where windows begin.
-
-    Attributes:
-        name: `FGD_CUT` where the seed pose is not in the windows, else `FGD_SEEDED_CUT`.
-        first_frame: first frame of the first window of a clip; another window follows each one without overlap.
+    """Where windows begin: `FGD_CUT` without the seed pose, else `FGD_SEEDED_CUT`, and the first frame of the first
+    one.
     """
 
     name: str

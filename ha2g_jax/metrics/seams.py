@@ -134,8 +134,6 @@ def _test(row: Row) -> SeamScore:
 
 
 def _ratio(kind: int) -> Callable[[Row], Statistic | None]:
-    """Return a measure: jumps at borders over those inside, of velocity (0) or acceleration (1)."""
-
     def measure(row: Row) -> Statistic | None:
         borders, insides = row.once(_sums)
         return ratio_of_sums(borders[kind], insides[kind]) if borders.any() or insides.any() else None
@@ -144,8 +142,6 @@ def _ratio(kind: int) -> Callable[[Row], Statistic | None]:
 
 
 def _p(name: str) -> Callable[[Row], float | None]:
-    """Return a measure: a p-value of the permutation test; None without borders."""
-
     def measure(row: Row) -> float | None:
         found = row.once(_test)
         return getattr(found, name) if found.borders else None

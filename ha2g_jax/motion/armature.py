@@ -45,12 +45,8 @@ class Armature:
 
 @dataclasses.dataclass(frozen=True)
 class Animation:
-    """Rotations of the joints of an armature over time; frame k shows the time k / fps.
-
-    Attributes:
-        rotations: (T, J, 4) rotation of each joint relative to its parent; at rest it is `armature.rest`.
-        translation: (T, 3) position of the root in metres.
-        meta: how the motion was made, see `Motion.meta`.
+    """Rotations (T, J, 4) of the joints relative to their parents, and the root's place (T, 3) in metres, at times k /
+    fps.
     """
 
     armature: Armature
@@ -88,10 +84,8 @@ def generations(parents: tuple[int, ...]) -> tuple[tuple[np.ndarray, np.ndarray]
 
 
 def export_axes(skeleton: Skeleton) -> np.ndarray:
-    """Return (3,) signs that convert vectors from the skeleton's axes to those of this module, and back.
-
-    y down becomes y up. In TED-Expressive the person's left is at +x and the person faces -z; in TED-Gesture the left
-    is at -x and the person faces +z.
+    """Return (3,) signs that convert vectors from the skeleton's axes to those of this module, and back: y down becomes
+    y up, and the person faces +z with the left at +x.
     """
     left, right = (skeleton.mean_pose[skeleton.joint(f"{side}_shoulder"), 0] for side in ("left", "right"))
     return np.array([1.0, -1.0, -1.0]) if left > right else np.array([-1.0, -1.0, 1.0])

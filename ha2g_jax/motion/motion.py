@@ -65,11 +65,8 @@ class Motion:
     def from_directions(
         cls, skeleton: Skeleton, directions: np.ndarray, fps: float, meta: dict[str, Any] | None = None
     ) -> "Motion":
-        """Build a motion from direction vectors and the bone lengths of a skeleton.
-
-        Args:
-            directions: (T, bones, 3) direction vectors of any positive length; they are normalised.
-            meta: further entries of `Motion.meta`, as JSON values.
+        """Build a motion from direction vectors (T, bones, 3), which are normalised, and the bone lengths of a
+        skeleton.
         """
         directions = normalize(np.asarray(directions, np.float32))
         left, right = (skeleton.mean_pose[skeleton.joint(f"{side}_shoulder"), 0] for side in ("left", "right"))
@@ -93,11 +90,8 @@ class Motion:
         lower: LowerBody | None = None,
         face: dict[str, np.ndarray] | None = None,
     ) -> "Motion":
-        """Build a motion from joint positions, which it keeps, relative to the root of each frame.
-
-        Args:
-            positions: (T, joints, 3) metres in the axes of the skeleton.
-            meta: further entries of `Motion.meta`, as JSON values.
+        """Build a motion from positions (T, joints, 3) in metres, which it keeps, relative to the root of each
+        frame.
         """
         directions = positions_to_directions(skeleton, np.asarray(positions, np.float64))
         motion = cls.from_directions(skeleton, directions, fps, meta)
@@ -244,7 +238,6 @@ def check_length(frames: int, fps: float) -> None:
 
 
 def _check_skeleton(motion: Motion) -> None:
-    """Check the names, the shapes and the values of a motion, see `Motion.check`."""
     name = motion.meta.get("skeleton")
     if name not in SKELETONS:
         raise UserError(f"the motion has skeleton {str(name)[:40]!r}; expected {' or '.join(SKELETONS)}")

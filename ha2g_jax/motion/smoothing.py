@@ -75,7 +75,6 @@ def slow_mean(poses: np.ndarray, fps: float, seconds: float) -> np.ndarray:
 
 
 def _to_unit(means: np.ndarray, poses: np.ndarray) -> np.ndarray:
-    """Return means at unit length, or the pose itself where the directions around it cancel."""
     lengths = np.linalg.norm(means, axis=-1, keepdims=True)
     is_clear = lengths > _MIN_LENGTH
     return np.where(is_clear, means / np.where(is_clear, lengths, 1), poses)

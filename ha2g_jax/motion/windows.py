@@ -16,11 +16,9 @@ def num_windows(frames: int, window: int, overlap: int) -> int:
 
 
 def join_windows(windows: np.ndarray, overlap: int) -> np.ndarray:
-    """Join windows to one motion, with a crossfade over the M frames that two windows have in common.
+    """Join windows (K, N, bones, 3) of unit vectors to one motion (N + (K - 1)(N - M), bones, 3).
 
-    In these frames the weight of the later window is 1/(M+1), ..., M/(M+1), interpolated on the sphere.
-
-    Windows are (K, N, bones, 3) unit vectors, and the result is (N + (K - 1)(N - M), bones, 3).
+    In the M frames in common the later window's weight is 1/(M+1), ..., M/(M+1), interpolated on the sphere.
     """
     weight = (np.arange(1, overlap + 1, dtype=np.float32) / (overlap + 1))[None, :, None, None]
     faded = slerp(windows[:-1, -overlap:], windows[1:, :overlap], weight)
@@ -64,11 +62,7 @@ def _ease(motion: np.ndarray, own: np.ndarray, longest: int) -> np.ndarray:
 
 
 def _usual_distance(motion: np.ndarray, own: np.ndarray, longest: int) -> np.ndarray:
-    """Return how far each bone is from its extrapolation in the frames after each border, (borders, bones, 1) radians.
-
-    It is the mean length of third differences, halved, over the frames from the second after the border on; 0 where a
-    window has too few of them.
-    """
+    """Return half the mean third difference of each bone after each border, (borders, bones, 1) radians, or 0."""
     if longest < 4:
         return np.zeros((len(own), *motion.shape[1:-1], 1))
     after = motion[np.minimum(own[:, None] + np.arange(longest), len(motion) - 1)].astype(np.float64)
@@ -98,9 +92,8 @@ class RunningJoin:
         self._shown: np.ndarray | None = None
 
     def add(self, window: np.ndarray) -> np.ndarray:
-        """Return the frames (N - first, bones, 3) that the motion has so far from the first one that this window shows.
-
-        The first `hop` frames do not change any more; the others change with the next window (N, bones, 3).
+        """Return the frames (N - first, bones, 3) from the first of this window on; after `hop` frames they may still
+        change.
         """
         shown = np.array(window[self.first :], np.float32)
         if self._shown is not None:

@@ -66,9 +66,8 @@ def octahedral(directions: np.ndarray) -> np.ndarray:
 
 
 def peaks(audio: np.ndarray, sample_rate: int) -> str:
-    """Encode the peaks of a mono waveform, the largest absolute sample in each 20 ms, as text of `deflated`.
-
-    Each is one byte, 255 for the largest of all.
+    """Encode the largest absolute sample in each 20 ms of a waveform, a byte each, 255 for the largest of all, by
+    `deflated`.
     """
     num_peaks = -(-len(audio) * PEAK_RATE // sample_rate)
     edges = np.arange(num_peaks) * sample_rate // PEAK_RATE

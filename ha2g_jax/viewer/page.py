@@ -115,8 +115,6 @@ def _check(motions: Mapping[str, Motion]) -> None:
 
 
 class _Document(NamedTuple):
-    """An HTML document with the texts of its style and its scripts."""
-
     text: str
     style: str
     scripts: tuple[str, ...]
@@ -218,11 +216,7 @@ def figure_message(skeleton: Skeleton, fps: float) -> dict[str, Any]:
 
 
 def frames_message(first: int, directions: np.ndarray) -> dict[str, Any]:
-    """Return a message with frames, JSON values; it has the form of those of `/v1/stream`.
-
-    Args:
-        directions: (n, bones, 3) unit vectors in the axes of the skeleton.
-    """
+    """Return a message, as those of `/v1/stream`, with frames (n, bones, 3) of unit vectors in the skeleton's axes."""
     rows = directions.reshape(len(directions), -1).astype(np.float64)
     return {"first": first, "frames": np.round(rows, _DECIMALS).tolist()}
 

@@ -198,7 +198,6 @@ def _count_up(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _is_repeated(rows: np.ndarray) -> np.ndarray:
-    """Mark what stands further left in the row already."""
     order = np.argsort(rows, axis=1, kind="stable")
     ordered = np.take_along_axis(rows, order, axis=1)
     is_same = np.zeros(rows.shape, bool)

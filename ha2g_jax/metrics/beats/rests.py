@@ -57,10 +57,7 @@ def order(fps: float) -> int:
 
 
 def mean_speeds(clips: Sequence[np.ndarray], fps: float) -> np.ndarray:
-    """Compute the mean speed (joints,) of each joint over clips (T, joints, 3), in units of the positions a second.
-
-    Clips with fewer than 2 frames are left out.
-    """
+    """Compute the mean speed (joints,) of each joint over clips (T, joints, 3), in units of the positions a second."""
     speeds = [joint_speeds(clip, fps) for clip in clips if len(clip) >= 2]
     return np.concatenate(speeds).mean(axis=0) if speeds else np.zeros(clips[0].shape[1])
 
@@ -142,10 +139,7 @@ class Beat2Row:
 
 
 def beat_consistency(joints: np.ndarray, onsets: np.ndarray, speeds: np.ndarray) -> float:
-    """Compute BC of a sequence by EMAGE: `beat_align` without the first and the last 2 seconds.
-
-    The joints (T, 13, 3) in metres and their mean speeds (13,) over the data set are those of `UPPER_BODY`.
-    """
+    """Compute BC by EMAGE: `beat_align` of `UPPER_BODY` (T, 13, 3) without the first and the last 2 seconds."""
     return beat_align(joints[: len(joints) - EDGE], onsets, speeds, FPS, first_frame=EDGE)
 
 

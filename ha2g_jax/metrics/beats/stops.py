@@ -2,12 +2,9 @@
 
 The angle change rate (Eq. 10 and 13) is the speed of the joint angles, each in units of its usual change: 1 for motion
 as lively as the training set, whatever the skeleton and the frame rate. The rate between frames t and t + 1 belongs to
-the time (t + 1/2) / fps.
-
-Beat consistency (BC, Eq. 11, supplement E) asks only whether each onset has a motion beat near it. Jitter, which has a
-motion beat everywhere, scores highest, so that BC is read beside the number of motion beats, and `alignment` has the
-score to report. Where the paper is silent: motion beats are minima and lie between the two frames that the change is
-of, onsets of all clips have one vote each, and a motionless clip counts as 0.
+the time (t + 1/2) / fps. Jitter scores highest in beat consistency (BC, Eq. 11, supplement E), so that `alignment` has
+the score to report. Where the paper is silent: motion beats are minima and lie between the two frames that the change
+is of, onsets of all clips have one vote each, and a motionless clip counts as 0.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -72,7 +69,6 @@ def angle_change_rates(
 
 
 def _weights(skeleton: Skeleton, change: np.ndarray | None, fps: float) -> np.ndarray:
-    """Return the (pairs,) weights of the absolute changes in the rate."""
     scale = CHANGE_FPS / fps if change is None else 1.0
     per_frame = np.asarray(skeleton.angle_change if change is None else change, np.float64)
     moves = per_frame >= _MIN_CHANGE
@@ -110,11 +106,7 @@ def _joined(parts: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _angles(skeleton: Skeleton, frames: np.ndarray) -> np.ndarray:
-    """Compute the angles (pairs, m) over pi of frames (m, bones, 3).
-
-    `skeleton.joint_angles` stays away from parallel bones because of its gradient; here they are exact. Frames come
-    last, as numpy is fastest along long rows.
-    """
+    """Compute the angles (pairs, m) over pi of frames (m, bones, 3), exact for parallel bones unlike `joint_angles`."""
     vectors = np.ascontiguousarray(frames.transpose(1, 2, 0), np.float64)
     if skeleton.palms:
         first, second = (vectors[list(bones)] for bones in zip(*skeleton.palms, strict=True))
@@ -173,8 +165,7 @@ def consistency(
 ) -> Alignment:
     """Align clips by the motion beats of the paper; BC is the sum of `onset_sum` over the sum of `num_onsets`.
 
-    The arguments are those of `make_clips`, but the threshold is the least rise of the rate to the next frame, on
-    either side of a motion beat.
+    The threshold is the least rise of the rate to the next frame; the other arguments are those of `make_clips`.
     """
     clips = []
     for curve, sounds, rate in zip(rates, onsets, np.broadcast_to(fps, len(rates)).tolist(), strict=True):

@@ -27,9 +27,7 @@ SHIFT = 2.0  # seconds between the shifts that make the chance level; the first 
 
 
 class Matches(NamedTuple):
-    """Counts of one clip: true strokes of the kind that is scored, those that a motion beat meets one to one, motion
-    beats, and those that meet a true movement of any kind.
-    """
+    """Counts of one clip: true strokes, those met one to one, motion beats, and those that meet any true movement."""
 
     strokes: int
     met: int

@@ -1,8 +1,4 @@
-"""Control of a generated motion: its energy, its extent, the hand that gestures, and its poses at given times.
-
-All functions are pure: they take direction vectors (T, bones, 3) and return others. With neutral settings they return
-their input.
-"""
+"""Pure functions that control direction vectors (T, bones, 3): energy, extent, the hand that gestures, and pins."""
 
 from ha2g_jax.motion.control.controls import NEUTRAL, Controls, Pin, Span, check, describe, read_mute, read_pin
 from ha2g_jax.motion.control.effects import apply

@@ -97,10 +97,7 @@ def pin(skeleton: Skeleton, directions: np.ndarray, fps: float, pins: Sequence[P
 
 
 def mute(skeleton: Skeleton, directions: np.ndarray, fps: float, mutes: Sequence[Span]) -> np.ndarray:
-    """Remove gestures from spans of time that do not overlap: both arms rest, while trunk and head do not change.
-
-    More than half a second away from a span the arms do not change either.
-    """
+    """Remove gestures from spans: both arms rest there; more than half a second away from them nothing changes."""
     for one in mutes:
         weight = motion_weight(one, [other for other in mutes if other is not one], len(directions), fps)
         directions = scale_about(rest_pose(skeleton), directions, weight, arm_parts(skeleton))
@@ -167,16 +164,12 @@ class RunningControls:
         self._num_frames = 0
 
     def apply(self, directions: np.ndarray, controls: Controls, *, is_muted: bool = False) -> np.ndarray:
-        """Apply controls that pass `check_running` to the next frames (n, bones, 3): mirror, then scale, then rest.
-
-        Where all controls are neutral the values stay; with `is_muted` both arms rest.
-        """
+        """Apply controls that pass `check_running` to the next frames (n, bones, 3); with `is_muted` both arms rest."""
         target = _amounts(controls, is_muted)
         frames = [self._frame(np.asarray(frame, np.float32)[None], self._ramp.step(target)) for frame in directions]
         return np.concatenate([np.zeros((0, *directions.shape[1:]), np.float32), *frames])
 
     def _frame(self, frame: np.ndarray, amounts: np.ndarray) -> np.ndarray:
-        """Return one frame (1, bones, 3) after the controls."""
         scale, reach, mirrored, *arms = amounts.tolist()
         posture = self._posture(frame[0])
         if scale != 1:
@@ -191,7 +184,6 @@ class RunningControls:
         return frame
 
     def _posture(self, pose: np.ndarray) -> np.ndarray:
-        """Add a pose (bones, 3) to the mean, and return the mean."""
         self._num_frames += 1
         self._sum += max(1 / self._num_frames, self._least_weight) * (pose - self._sum)
         lengths = np.linalg.norm(self._sum, axis=-1, keepdims=True)

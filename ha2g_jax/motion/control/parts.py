@@ -113,9 +113,8 @@ def rest_pose(skeleton: Skeleton) -> np.ndarray:
 def rotations_from(reference: np.ndarray, directions: np.ndarray, chosen: tuple[Part, ...]) -> Rotations:
     """Compute the rotations of parts from a reference pose (bones, 3) to the poses of a motion (T, bones, 3).
 
-    Returns:
-        Unit quaternions (T, 4) of each bone, and of all bones of a head or a hand together, by the indices of the
-        bones. The latter are continuous over time and so may have w < 0, which stands for an angle above pi.
+    They are unit quaternions (T, 4) by the indices of the bones, those of a head or a hand together. The latter are
+    continuous over time and so may have w < 0, which stands for an angle above pi.
     """
     reference, poses = np.asarray(reference, np.float64), np.asarray(directions, np.float64)
     frames: dict[int, np.ndarray] = {-1: IDENTITY}
@@ -169,10 +168,7 @@ def _continuous(rotations: np.ndarray) -> np.ndarray:
 def scale_about(
     reference: np.ndarray, directions: np.ndarray, scale: np.ndarray | float, chosen: tuple[Part, ...]
 ) -> np.ndarray:
-    """Scale the rotations of a motion from a reference pose (bones, 3) by factors from 0 to 1, one or one a frame (T,).
-
-    Where the scale is 1 the result is the input itself.
-    """
+    """Scale the rotations from a reference pose by 0 to 1, one factor or (T,); where it is 1 nothing changes."""
     scales = np.broadcast_to(np.asarray(scale, np.float64), (len(directions),))
     rows = np.flatnonzero(scales != 1)
     result = np.array(directions, np.float32)
@@ -219,7 +215,6 @@ def _scaled(
     scale: float,
     chosen: tuple[Part, ...],
 ) -> np.ndarray:
-    """Return a motion (T, bones, 3) with its rotations scaled from their means."""
     scales = _scales(reference, rotations, means, scale, chosen)
     scaled = {
         bones: multiply(mean, power(multiply(conjugate(mean), rotations[bones]), scales[bones]))
@@ -232,13 +227,9 @@ def _scaled(
 
 
 def limit_scale(scale: float, rise: np.ndarray, headroom: np.ndarray) -> np.ndarray:
-    """Limit a scale s above 1 so that it adds less than the headroom.
+    """Limit a scale s above 1 to 1 + (s - 1) tanh(z) / z with z = (s - 1) rise / headroom.
 
-    The result is 1 + (s - 1) tanh(z) / z with z = (s - 1) rise / headroom.
-
-    Args:
-        rise: (T,) difference between the motion and the reference, of either sign.
-        headroom: (T,) most that may be added to the motion in the direction of `rise`.
+    So it adds at most the headroom (T,) to a motion that differs from the reference by `rise` (T,).
     """
     if scale <= 1:
         return np.full(len(rise), scale)
@@ -249,7 +240,6 @@ def limit_scale(scale: float, rise: np.ndarray, headroom: np.ndarray) -> np.ndar
 def _scales(
     reference: np.ndarray, rotations: Rotations, means: Rotations, scale: float, chosen: tuple[Part, ...]
 ) -> Rotations:
-    """Return the limited scale (T,) of each rotation."""
     scales = {bones: np.full(len(rotation), min(scale, 1.0)) for bones, rotation in rotations.items()}
     for part in chosen:
         if part.kind not in (TRUNK, HEAD, UPPER_ARM, FOREARM, HAND):

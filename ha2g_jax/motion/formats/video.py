@@ -156,7 +156,6 @@ def _set_up(encoder: VideoCodecContext, width: int, height: int) -> None:
 
 
 def _planes(picture: av.VideoFrame) -> list[np.ndarray]:
-    """Return the three planes of a picture as arrays that can be written to."""
     return [
         np.frombuffer(memoryview(plane), np.uint8).reshape(-1, plane.line_size)[: plane.height, : plane.width]
         for plane in picture.planes

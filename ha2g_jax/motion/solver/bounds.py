@@ -46,9 +46,8 @@ def limits_of(joint: str) -> dict[str, Range]:
 
 
 def clamp(armature: Armature, local: np.ndarray) -> np.ndarray:
-    """Clamp rotations (T, J, 4) of all joints relative to their parents to their limits.
-
-    Each joint is clamped on its own, so that the joints below it rotate with it.
+    """Clamp each joint's rotation relative to its parent (T, J, 4) to its limits; the joints below it rotate with
+    it.
     """
     clamped = local.copy()
     for name, joints in _alike(armature.joints):
@@ -89,10 +88,7 @@ def without_jumps(local: np.ndarray, clamped: np.ndarray) -> np.ndarray:
 
     A joint outside of its range may be near to both ends and so be clamped to one in one frame and to the other in the
     next. Between the ends the result may be outside of the range. Where the joint itself is faster, so is the result.
-
-    Args:
-        local: (T, J, 4) rotations relative to the parents.
-        clamped: what `clamp` returned for them.
+    Rotations are (T, J, 4) relative to the parents.
     """
     most = np.maximum(rotations.angle_between(local[1:], local[:-1]), _FASTEST)
     slowed = clamped.copy()
@@ -107,9 +103,8 @@ def without_jumps(local: np.ndarray, clamped: np.ndarray) -> np.ndarray:
 
 
 def _reduce_near_reversal(found: np.ndarray, kept: np.ndarray) -> np.ndarray:
-    """Return clamped angles (T, n) whose last, a twist, is reduced where the twist is nearly 180 degrees.
-
-    Beyond 180 degrees the other end of the range is nearer, and the joint must not jump from one end to the other.
+    """Reduce the twist, the last of clamped angles (T, n), near 180 degrees, where the other end of the range is
+    nearer.
     """
     weight = np.clip((np.pi - np.abs(found[:, -1])) / (np.pi - _NEARLY_REVERSED), 0, 1)
     reduced = kept.copy()

@@ -35,13 +35,7 @@ _AHEAD = 2e-5  # weight of facing ahead; a twist that is clearly visible has wei
 
 
 def _arm_frames(side: str, seen: Vectors, rest: Vectors, trunk: np.ndarray, twists: Twists) -> Vectors:
-    """Compute rotations (T, 4) of the shoulder, the elbow and, where there are fingers, the wrist and the knuckles.
-
-    Args:
-        seen: (T, 3) unit vectors of the bones, by the name of the joint at their end.
-        rest: (3,) unit vectors of the same bones at rest.
-        trunk: (T, 4) rotations of the trunk.
-    """
+    """Compute rotations (T, 4) of an arm from its bones, seen (T, 3) and at rest, by the joint at their end."""
     out = LEFT if side == "left" else -LEFT
     upper, fore = seen[f"{side}_elbow"], seen[f"{side}_wrist"]
     shoulder = _upper_arm(f"{side}_shoulder", trunk, out, upper, fore, twists)
@@ -99,11 +93,7 @@ def _hand(
 def _forearm(
     joint: str, neutral: np.ndarray, out: np.ndarray, fore: np.ndarray, hand: np.ndarray, twists: Twists
 ) -> np.ndarray:
-    """Twist the forearm half-way from the elbow to the hand.
-
-    A hand bends up and down about its axis to the thumb, which stays at right angles to the forearm, and only little to
-    the sides. So this axis shows the twist, however far the hand is bent.
-    """
+    """Twist the forearm half-way to the hand, whose axis to the thumb stays at right angles to the forearm."""
     thumb = rotations.rotate(hand, FORWARD)
     sine_squared = 1 - np.sum(thumb * fore, axis=-1) ** 2
     seen = (observe(neutral, out, FORWARD, thumb, 1.0) + _ELBOW_WEIGHT) * sine_squared

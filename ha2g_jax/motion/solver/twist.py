@@ -58,15 +58,9 @@ def transport(
 ) -> np.ndarray:
     """Transport a bone along its path without twist relative to its parent (parallel transport).
 
-    Unlike the shortest rotations from the rest direction, these rotations have no direction at which they jump.
-
-    Args:
-        above: (T, 4) rotations of the parent.
-        axis, along: unit vectors of the bone at rest, (3,), and over time, (T, 3).
-        before: (4,) rotations of the parent and of the bone in the frame before; by default the bone is at rest there.
-
-    Returns:
-        (T, 4) rotations that take `axis` to `along`, each continued from the frame before by the shortest rotation.
+    Unlike the shortest rotations from the rest direction, these rotations have no direction at which they jump. They
+    are (T, 4), take `axis` (3,) at rest to `along` (T, 3), and start from the rotations `before` of the parent `above`
+    and of the bone, by default at rest.
     """
     path = rotations.rotate(rotations.conjugate(above), along)
     start = rotations.IDENTITY if before is None else rotations.multiply(rotations.conjugate(before[0]), before[1])
@@ -85,17 +79,11 @@ def swing(frames: np.ndarray, axis: np.ndarray, along: np.ndarray) -> np.ndarray
 
 
 def observe(frames: np.ndarray, axis: np.ndarray, mark: np.ndarray, seen: np.ndarray, weight) -> np.ndarray:
-    """Estimate the twist of a bone from the observed direction of a mark on its side.
+    """Estimate the twist of a bone from the observed directions `seen` (T, 3) of a mark on its side.
 
-    Args:
-        frames: (T, 4) rotations of the bone without the twist.
-        axis, mark: (3,) unit vectors of the bone at rest, and at right angles to it.
-        seen: (T, 3) observed directions of the mark; only the component at right angles to the bone counts, whatever
-            its length.
-        weight: (T,) weights or one number; 1 for a twist that is clearly visible.
-
-    Returns:
-        (T,) complex numbers whose angle is the twist in radians and whose absolute value is the weight.
+    The rotations `frames` (T, 4) are without the twist; the axis and the mark (3,) are unit vectors at right angles.
+    Only the component of `seen` across the bone counts, and a weight of 1 is for a twist that is clearly visible. The
+    result (T,) is complex, with the twist in radians as its angle and the weight as its absolute value.
     """
     local = rotations.rotate(rotations.conjugate(frames), seen)
     across = local @ mark + 1j * (local @ rotations.cross(axis, mark))
@@ -108,13 +96,9 @@ def apply_twist(frames: np.ndarray, axis: np.ndarray, angles: np.ndarray) -> np.
 
 
 def smooth_angle(observations: np.ndarray, fps: float) -> np.ndarray:
-    """Fit angles over time that minimise the integral of w (angle - seen)^2 + stiffness (rate of the angle)^2.
+    """Fit angles (T,) that minimise the integral of w (angle - seen)^2 + stiffness (rate of the angle)^2.
 
-    Args:
-        observations: (T,) complex numbers w exp(i seen), each the sum of results of `observe`.
-
-    Returns:
-        (T,) angles in radians, continuous over time.
+    Observations (T,) are w exp(i seen), sums of results of `observe`; angles are in radians, continuous over time.
     """
     if len(observations) == 1:
         return np.angle(observations)
