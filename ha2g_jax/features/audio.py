@@ -259,8 +259,7 @@ def sound_track(container: InputContainer) -> av.AudioStream | None:
 
 
 def sound_start(path: pathlib.Path) -> float:
-    """Return when the sound of a file starts on the clock of its images and subtitles; 0 seconds without sound or
-    times.
+    """Return when the sound of a file starts on the clock of its images and subtitles, 0 seconds without sound.
 
     Raises:
         One of `MEDIA_ERRORS`: the file cannot be read, or is no recording.

@@ -72,9 +72,7 @@ def sample_voice(rng: np.random.Generator) -> Voice:
 
 
 class Utterance(NamedTuple):
-    """Spoken text: (samples,) float32 in [-1, 1] at 16 kHz, and its words in order in lower case, with times in
-    seconds.
-    """
+    """Speech (samples,) float32 in [-1, 1] at 16 kHz, and its words in order, in lower case, with times in seconds."""
 
     audio: np.ndarray
     words: tuple[Word, ...]

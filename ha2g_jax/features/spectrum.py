@@ -106,9 +106,7 @@ def window_columns(num_frames: int, fps: float) -> int:
 
 
 def mel_window(mel: np.ndarray, start_frame: int, num_frames: int, fps: float) -> np.ndarray:
-    """Return the spectrogram (128, `window_columns`) of a window of a clip (128, columns) in dB, silent past its
-    end.
-    """
+    """Return the spectrogram (128, `window_columns`) of a window of a clip in dB, -80 past the end of the clip."""
     start, columns = window_column(start_frame, fps), window_columns(num_frames, fps)
     window = mel[:, start : start + columns]
     missing = columns - window.shape[1]
@@ -118,8 +116,7 @@ def mel_window(mel: np.ndarray, start_frame: int, num_frames: int, fps: float) -
 def heard_columns(end_frame: int, fps: float) -> int:
     """Return how many columns of a clip's spectrogram are known when its first frames have been heard.
 
-    Column c is centred on sample 512 c and is computed from 1024 samples, so that it needs the first 512 (c + 1)
-    samples of the clip; floor(end_frame / fps x 16000) of them have been heard.
+    Column c needs the first 512 (c + 1) samples; floor(end_frame / fps x 16000) of them have been heard.
     """
     return int(end_frame * SAMPLE_RATE // (fps * HOP_LENGTH))
 
@@ -163,9 +160,7 @@ def asr_columns(num_frames: int, fps: float) -> int:
 
 
 def asr_window(mel: np.ndarray, start_frame: int, num_frames: int, fps: float) -> np.ndarray:
-    """Return the spectrogram (num_mels, `asr_columns`) of a window of a clip; past its end there is the clip's
-    floor.
-    """
+    """Return the spectrogram (num_mels, `asr_columns`) of a window of a clip, the clip's floor past its end."""
     start, columns = round(start_frame * ASR_COLUMNS_PER_SECOND / fps), asr_columns(num_frames, fps)
     window = mel[:, start : start + columns]
     missing = columns - window.shape[1]
@@ -279,9 +274,7 @@ class RunningMel:
         self._add_column(padded[start : start + FFT_SIZE])
 
     def window(self, start: int, columns: int) -> np.ndarray:
-        """Return columns (128, columns) float32 dB at the precision of `data.speech`; those not computed are
-        silence.
-        """
+        """Return columns (128, columns) float32 dB at the precision of `data.speech`, silence where there are none."""
         end = start + columns
         known = min(max(end, start), self._num_columns)
         first = len(self._powers) - self._num_columns + start

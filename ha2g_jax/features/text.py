@@ -72,8 +72,9 @@ def words_to_frames(
 
 
 def plain_words(words: Sequence[Word], vocabulary: Vocabulary, start_time: float, duration: float) -> np.ndarray:
-    """Return the words that overlap a stretch of speech without their times, for a model that reads sentences: (32,)
-    int32 with the mark of the start, `len(vocabulary)`, at most 30 words, the mark of the end, one more, and padding.
+    """Return (32,) int32 of the words in a stretch of speech, without times, for a model that reads sentences.
+
+    They are a mark `len(vocabulary)`, at most 30 words, a mark `len(vocabulary) + 1`, and padding.
     """
     inside = [word for word in words if word.end > start_time and word.start < start_time + duration]
     indices = [vocabulary.encode(word.text) for word in inside[: MAX_PLAIN_WORDS - 2]]

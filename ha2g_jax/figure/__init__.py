@@ -62,6 +62,7 @@ def arm_ranks(points: dict[str, np.ndarray], head: np.ndarray) -> tuple[Ranks, R
 
 
 def _chains(points: dict[str, np.ndarray], side: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return six points (T, 6, 3) along the upper arm, and along the forearm with the hand."""
     shoulder, elbow, wrist = (points[f"{side}_{joint}"] for joint in ("shoulder", "elbow", "wrist"))
     hand = points.get(f"{side}_middle_2", wrist + 0.3 * (wrist - elbow))
     upper = [shoulder + part * (elbow - shoulder) for part in np.linspace(0, 1, 6)]
@@ -161,9 +162,7 @@ DEFAULT_VIEW = View(-0.56, -0.70, 0.56, 0.42)
 
 
 def fit(motions: Iterable[tuple[np.ndarray, Skeleton]]) -> View:
-    """Find the smallest view that contains the default view, and all figures in all their poses (T, joints, 3) with a
-    margin.
-    """
+    """Find the smallest view that contains the default view and all figures (T, joints, 3) with a margin."""
     low, high = np.array(DEFAULT_VIEW[:2]), np.array(DEFAULT_VIEW[2:])
     for positions, skeleton in motions:
         for start in range(0, len(positions), _PIECE):
@@ -189,9 +188,7 @@ def _corners(points: dict[str, np.ndarray]) -> np.ndarray:
 def draw_figure(
     positions: np.ndarray, skeleton: Skeleton, look: Look, width: int, height: int, view: View = DEFAULT_VIEW
 ) -> np.ndarray:
-    """Draw one pose (joints, 3) in metres, y down, as a (height, width, 3) uint8 RGB image that shows `view` at
-    least.
-    """
+    """Draw one pose (joints, 3) in metres, y down, as a (height, width, 3) uint8 RGB image that contains `view`."""
     figure = outline(positions[None], skeleton, look, detail=1 if height < _LARGE else 2)
     scale, spine = view.place(_SUPERSAMPLE * width, _SUPERSAMPLE * height)
     corners = (figure.points[0] * scale + spine).ravel().tolist()

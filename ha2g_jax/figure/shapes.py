@@ -14,9 +14,7 @@ _TINY = 1e-6  # metres and radians
 
 
 class Look(NamedTuple):
-    """Appearance of a figure: RGB colours from 0 to 255, a build of 1 for the average, hair from 0 (short) to 1
-    (long).
-    """
+    """Appearance of a figure: RGB colours from 0 to 255, build 1 for the average, and hair length from 0 to 1."""
 
     skin: Colour
     hair: Colour

@@ -114,9 +114,7 @@ def draw(
 
 
 def paint(stage: Stage, drawings: Sequence[Drawing], frame: int, planes: Sequence[np.ndarray]) -> None:
-    """Paint one frame of figures into the planes of an image, uint8 of the shapes of `Stage.clean`, which are
-    overwritten.
-    """
+    """Paint one frame of figures into uint8 planes of the shapes of `Stage.clean`, which are overwritten."""
     for plane, clean in zip(planes, stage.clean, strict=True):
         plane[:] = clean
     for drawing in drawings:

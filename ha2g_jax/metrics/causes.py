@@ -51,10 +51,8 @@ class Predictions(NamedTuple):
 def shown_flexions(
     flexions: np.ndarray, time: float, fps: float, window: tuple[float, float] = SHAPE_WINDOW
 ) -> np.ndarray:
-    """Return the mean flexion (hands, 5) of the fingers over a short window around the time of a word, in seconds.
-
-    The flexions (T, hands, 5), 0 straight and 1 closed, are those of the hands that should gesture. The nearest frame
-    counts where none lies in the window.
+    """Return the mean flexion (hands, 5) around the time of a word, or that of the nearest frame if none is in the
+    window.
     """
     frames = np.arange(len(flexions)) / fps - time
     seen = (frames >= window[0]) & (frames <= window[1])
@@ -115,12 +113,10 @@ def gain(
 
 
 def _of_counts(statistic: Callable[[np.ndarray], float]) -> Callable[[CauseRow], Estimate | None]:
-    """Return a measure of matched strokes, with the standard error by clip."""
     return lambda row: jackknife(row.counts, statistic, row.clips) if len(row.counts) else None
 
 
 def _gain(statistic: Callable[[np.ndarray], float]) -> Callable[[CauseRow], Estimate | None]:
-    """Return a measure of matched strokes less the chance level; None for a row without one."""
     return lambda row: gain(row.counts, row.mismatched, row.clips, statistic) if len(row.mismatched) else None
 
 

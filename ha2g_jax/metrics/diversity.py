@@ -52,19 +52,13 @@ def diversity(
 
 
 def multimodality(latents: np.ndarray) -> float:
-    """Compute the mean L1 distance between the latents (samples, d) of gestures for one and the same speech.
-
-    Unlike diversity it shows the variety for one input: 0 for a method without randomness.
-    """
+    """Compute the mean L1 distance between latents (samples, d) for one speech; 0 for a method without randomness."""
     first, second = np.triu_indices(len(latents), k=1)
     return float(np.abs(latents[first] - latents[second]).sum(axis=1).mean())
 
 
 def _both(latents: Latents, seed: int) -> Callable[[np.ndarray], tuple[float, float]]:
-    """Return diversity L1 and L2 of one draw of 500 pairs, for any draw of recordings; copies of one are never paired.
-
-    So an interval holds what chance does to the choice of 500 pairs, as it does to the published numbers.
-    """
+    """Return diversity L1 and L2 of 500 pairs for any draw of recordings; copies of one are never paired."""
     windows = np.arange(len(latents.members))
 
     @functools.cache
@@ -82,8 +76,6 @@ def _row_statistic(row: Row) -> Callable[[np.ndarray], tuple[float, float]] | No
 
 
 def _norm(index: int) -> Callable[[Row], Statistic | None]:
-    """Return a measure: diversity, 0 with the L1 and 1 with the L2 norm; None without latents."""
-
     def measure(row: Row) -> Statistic | None:
         both = row.once(_row_statistic)
         return None if both is None else lambda counts: both(counts)[index]

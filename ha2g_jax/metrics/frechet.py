@@ -15,10 +15,7 @@ _CLOSE = 1e-4  # ratio to the traces below which their difference has lost digit
 
 
 class Moments(NamedTuple):
-    """Size, mean (d,) and scatter (d, d) about the mean of a set of latents, in float64.
-
-    The covariance is scatter / (count - 1).
-    """
+    """Size, mean (d,) and scatter (d, d) in float64 of a set of latents; the covariance is scatter / (count - 1)."""
 
     count: int  # pyright: ignore[reportIncompatibleMethodOverride]
     mean: np.ndarray
@@ -181,7 +178,6 @@ def _distance_to_truth(row: Row, cut: str) -> Statistic | None:
 
 
 def _halves(truth: Row, cut: str) -> np.ndarray | None:
-    """Return the FGD (n,) between random halves of the recordings."""
     latents = truth.once(row_latents)
     if latents is None or latents.cut.name != cut:
         return None

@@ -25,10 +25,7 @@ _RIGID = np.deg2rad(0.5)  # range of an angle that does not bend in the training
 
 
 def acceleration(positions: np.ndarray, fps: float) -> float:
-    """Compute the mean length of the second difference of joint positions (T, joints, 3) x fps^2 (GENEA).
-
-    It is in units of the positions per s^2; NaN for fewer than 3 frames.
-    """
+    """Compute the mean length of the second difference of positions x fps^2 (GENEA); NaN for fewer than 3 frames."""
     return _mean_difference(positions, 2, fps)
 
 
@@ -56,8 +53,6 @@ def _mean_difference(positions: np.ndarray, order: int, fps: float) -> float:
 
 
 def _by_frames(function: Callable[..., float]) -> Callable[[Row], Statistic]:
-    """Return a measure: the mean over clips, by scored frames."""
-
     def measure(row: Row) -> Statistic:
         values = [function(positions[SEED_FRAMES:], row.reference.fps) for positions in row.positions]
         return mean_over_clips(row, values, row.num_scored)
@@ -152,7 +147,6 @@ def _distance_to_truth(row: Row) -> Statistic:
 
 
 def _halves(truth: Row) -> np.ndarray | None:
-    """Return the distances (n,) between random halves of the recordings."""
     counts, number = truth.once(_speeds_by_recording), truth.reference.num_recordings
     if number < 2:
         return None
@@ -178,13 +172,7 @@ class Limits(NamedTuple):
 
 
 class Violations(NamedTuple):
-    """Ratios of frames, in [0, 1]; NaN where no frame is scored.
-
-    Attributes:
-        mean: ratio of frames with an angle outside of its limits, mean over angles.
-        worst: the same ratio of the angle that is outside most often.
-        any: ratio of frames with any angle outside.
-    """
+    """Ratios of frames with an angle beyond its limits: mean over angles, of the worst angle, and of any of them."""
 
     mean: float
     worst: float
@@ -235,8 +223,6 @@ def _violations_by_recording(row: Row) -> np.ndarray:
 
 
 def _limits(name: str) -> Callable[[Row], Statistic]:
-    """Return a measure: one of the ratios of `Violations`."""
-
     def measure(row: Row) -> Statistic:
         counts = row.once(_violations_by_recording)
         return lambda drawn: getattr(violations(drawn @ counts), name)

@@ -16,9 +16,7 @@ _RANK = 1e-10  # eigenvalue of a correlation matrix below which dimensions repea
 
 
 def joint_mae(generated: np.ndarray, real: np.ndarray) -> float:
-    """Compute the mean of |p_hat - p| over (T, joints, 3), the root included, in units of the positions; NaN without a
-    frame.
-    """
+    """Compute the mean of |p_hat - p| over (T, joints, 3), the root among the joints; NaN without a frame."""
     return _mean_absolute(_difference(generated, real))
 
 

@@ -160,9 +160,7 @@ def _positions(row: Row) -> list[np.ndarray]:
 
 
 class Cut(NamedTuple):
-    """Where windows begin: `FGD_CUT` without the seed pose, else `FGD_SEEDED_CUT`, and the first frame of the first
-    one.
-    """
+    """Windows without overlap from `first_frame` on: `FGD_CUT` without the seed pose, `FGD_SEEDED_CUT` with it."""
 
     name: str
     first_frame: int

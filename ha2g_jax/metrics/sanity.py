@@ -61,9 +61,7 @@ def difference_spread(clips: Sequence[np.ndarray]) -> np.ndarray:
 def white_jitter(
     directions: np.ndarray, mean_directions: np.ndarray, spread: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
-    """Return the mean pose plus N(0, s^2), with s (bones, 3) of `difference_spread`, normalised, as long as
-    `directions`.
-    """
+    """Return the mean pose plus N(0, s^2), normalised, with the spread s (bones, 3) of `difference_spread`."""
     pose = mean_pose(directions, mean_directions)
     return normalize(pose + rng.standard_normal(pose.shape) * spread)
 

@@ -45,9 +45,7 @@ class Armature:
 
 @dataclasses.dataclass(frozen=True)
 class Animation:
-    """Rotations (T, J, 4) of the joints relative to their parents, and the root's place (T, 3) in metres, at times k /
-    fps.
-    """
+    """Rotations (T, J, 4) of joints relative to their parents, and places (T, 3) of the root in metres, at k / fps."""
 
     armature: Armature
     rotations: np.ndarray

@@ -65,9 +65,7 @@ class Motion:
     def from_directions(
         cls, skeleton: Skeleton, directions: np.ndarray, fps: float, meta: dict[str, Any] | None = None
     ) -> "Motion":
-        """Build a motion from direction vectors (T, bones, 3), which are normalised, and the bone lengths of a
-        skeleton.
-        """
+        """Build a motion from directions (T, bones, 3), which are normalised, and a skeleton's bone lengths."""
         directions = normalize(np.asarray(directions, np.float32))
         left, right = (skeleton.mean_pose[skeleton.joint(f"{side}_shoulder"), 0] for side in ("left", "right"))
         axes = {"units": "metres", "x": f"the person's {'left' if left > right else 'right'}", "y": "down"}
@@ -90,9 +88,7 @@ class Motion:
         lower: LowerBody | None = None,
         face: dict[str, np.ndarray] | None = None,
     ) -> "Motion":
-        """Build a motion from positions (T, joints, 3) in metres, which it keeps, relative to the root of each
-        frame.
-        """
+        """Build a motion from positions (T, joints, 3) in metres, which it keeps, relative to each frame's root."""
         directions = positions_to_directions(skeleton, np.asarray(positions, np.float64))
         motion = cls.from_directions(skeleton, directions, fps, meta)
         places = (positions - positions[:, :1]).astype(np.float32)

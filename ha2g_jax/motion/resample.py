@@ -39,10 +39,7 @@ def slerp(first: np.ndarray, second: np.ndarray, fraction: np.ndarray) -> np.nda
 
 
 def log_map(base: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Return the tangent vectors (..., 3) at unit vectors `base` that lead to other unit vectors along great circles.
-
-    Their lengths are the angles in radians; 0 between opposite vectors, which have no shortest arc.
-    """
+    """Return tangents (..., 3) at `base` to unit vectors, as long as the angles in radians, 0 for opposite ones."""
     chord = np.linalg.norm(vectors - base, axis=-1, keepdims=True)
     angle = 2 * np.arctan2(chord, np.linalg.norm(vectors + base, axis=-1, keepdims=True))
     across = vectors - np.sum(base * vectors, axis=-1, keepdims=True) * base
@@ -57,10 +54,7 @@ def exp_map(base: np.ndarray, tangents: np.ndarray) -> np.ndarray:
 
 
 def resample(directions: np.ndarray, fps: float, new_fps: float, new_frames: int) -> np.ndarray:
-    """Resample unit vectors (T, bones, 3) at another rate on the curve of `sample`; frame k shows the time k / fps.
-
-    After the last frame of the input the last pose is held, up to `new_frames`.
-    """
+    """Resample unit vectors (T, bones, 3) by `sample` at times k / new_fps; the last pose is held to the end."""
     return sample(directions, np.arange(new_frames) * (fps / new_fps))
 
 

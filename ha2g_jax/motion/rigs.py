@@ -259,7 +259,6 @@ def _t_pose(armature: Armature, ours: np.ndarray, rig: Rig) -> np.ndarray:
 
 
 def _armature(rig: Rig, at_rest: np.ndarray, rest: np.ndarray) -> Armature:
-    """Return the armature of a rig from (J, 3) positions and (J, 4) orientations at rest."""
     offsets, local = np.zeros_like(at_rest), rest.copy()
     for index, joint in enumerate(rig.joints):
         if joint.parent >= 0:

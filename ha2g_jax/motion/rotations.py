@@ -113,10 +113,7 @@ def from_matrix(matrices: np.ndarray) -> np.ndarray:
 
 
 def to_euler(q: np.ndarray, order: str = "ZXY") -> np.ndarray:
-    """Return intrinsic Euler angles (..., 3) in degrees of quaternions (..., 4).
-
-    `order` names the axes of the three rotations; each is that of the already rotated axes.
-    """
+    """Return intrinsic Euler angles (..., 3) in degrees of quaternions (..., 4) about the axes that `order` names."""
     q = np.asarray(q, np.float64)
     with warnings.catch_warnings():
         # At the pole only a sum of angles is defined; scipy sets the third to 0 and says so.
@@ -154,10 +151,7 @@ def from_vector(vectors: np.ndarray) -> np.ndarray:
 
 
 def continuous(q: np.ndarray, before: np.ndarray | None = None) -> np.ndarray:
-    """Choose the signs of quaternions (T, ..., 4) so that they are continuous over time.
-
-    They continue those of the frame `before`, (..., 4); without it w >= 0 in the first frame.
-    """
+    """Choose continuous signs of quaternions (T, ..., 4) from the frame `before` on, or from w >= 0 without one."""
     q = np.array(q, np.float64)
     flips = np.sum(q[1:] * q[:-1], axis=-1) < 0
     first = q[:1, ..., 3] < 0 if before is None else np.sum(q[:1] * before, axis=-1) < 0

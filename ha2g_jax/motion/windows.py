@@ -92,9 +92,7 @@ class RunningJoin:
         self._shown: np.ndarray | None = None
 
     def add(self, window: np.ndarray) -> np.ndarray:
-        """Return the frames (N - first, bones, 3) from the first of this window on; after `hop` frames they may still
-        change.
-        """
+        """Return the frames (N - first, bones, 3) from this window's first on, of which the first `hop` are final."""
         shown = np.array(window[self.first :], np.float32)
         if self._shown is not None:
             weight = (np.arange(1, self._fade + 1, dtype=np.float32) / (self._fade + 1))[:, None, None]

@@ -66,9 +66,7 @@ def octahedral(directions: np.ndarray) -> np.ndarray:
 
 
 def peaks(audio: np.ndarray, sample_rate: int) -> str:
-    """Encode the largest absolute sample in each 20 ms of a waveform, a byte each, 255 for the largest of all, by
-    `deflated`.
-    """
+    """Encode the largest absolute sample in each 20 ms by `deflated`, one byte each, 255 for the largest of all."""
     num_peaks = -(-len(audio) * PEAK_RATE // sample_rate)
     edges = np.arange(num_peaks) * sample_rate // PEAK_RATE
     loudest = np.maximum.reduceat(np.abs(audio), edges)

@@ -69,6 +69,7 @@ def angle_change_rates(
 
 
 def _weights(skeleton: Skeleton, change: np.ndarray | None, fps: float) -> np.ndarray:
+    """Return the (pairs,) weights of the absolute changes in the rate."""
     scale = CHANGE_FPS / fps if change is None else 1.0
     per_frame = np.asarray(skeleton.angle_change if change is None else change, np.float64)
     moves = per_frame >= _MIN_CHANGE
@@ -106,7 +107,7 @@ def _joined(parts: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _angles(skeleton: Skeleton, frames: np.ndarray) -> np.ndarray:
-    """Compute the angles (pairs, m) over pi of frames (m, bones, 3), exact for parallel bones unlike `joint_angles`."""
+    """Compute the angles (pairs, m) over pi of frames (m, bones, 3), exact even where bones are parallel."""
     vectors = np.ascontiguousarray(frames.transpose(1, 2, 0), np.float64)
     if skeleton.palms:
         first, second = (vectors[list(bones)] for bones in zip(*skeleton.palms, strict=True))

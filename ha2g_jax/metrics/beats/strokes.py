@@ -67,8 +67,7 @@ def stroke_beats(positions: np.ndarray, fps: float, rise: float = RISE) -> np.nd
 def match(strokes: np.ndarray, causes: np.ndarray, beats: np.ndarray, tolerance: float = TOLERANCE) -> Matches:
     """Count the strokes and motion beats of one clip that meet, at most `tolerance` seconds apart.
 
-    All times are ascending, in seconds: of the strokes to be found, of all true movements that may cause a beat,
-    strokes among them, and of the motion beats.
+    All times ascend, in seconds; the causes are all true movements that may cause a beat, strokes among them.
     """
     met, known = (matched_pairs(times, beats, tolerance) for times in (strokes, causes))
     return Matches(len(strokes), met, len(beats), known)
@@ -112,10 +111,8 @@ def strict_f1(counts: np.ndarray) -> float:
 
 
 class Kernels(NamedTuple):
-    """Sums of the kernel over one stretch of time, from which the alignment of any set of stretches follows.
-
-    There are the numbers of onsets and of motion beats, and the sums of the kernel from each onset to the nearest
-    motion beat, and the other way round.
+    """Sums of the kernel over one stretch of time, from which the alignment of any set of stretches follows: numbers of
+    onsets and of motion beats, and the kernel's sums from each onset to the nearest beat and the other way round.
     """
 
     onsets: int
@@ -150,10 +147,8 @@ def kernel_f(sums: np.ndarray) -> float:
 
 
 class RecordingRow(NamedTuple):
-    """What is compared in one motion for one recording, of a length in seconds.
-
-    The sums (segments, 1 + shifts, 4) are rows of `Kernels` of each segment, with the sound and with each shift of it;
-    there is no segment where there is no onset.
+    """What is compared in one motion for one recording, of a length in seconds: sums (segments, 1 + shifts, 4) of
+    `Kernels` of each segment with an onset, with the sound and with each shift of it.
     """
 
     sums: np.ndarray
@@ -189,7 +184,6 @@ def _mismatched(sums: np.ndarray) -> float:
 
 
 def _by_segment(statistic: Callable[[np.ndarray], float]) -> Callable[[RecordingRow], Estimate]:
-    """Return a measure whose standard error is by segments of 5 seconds."""
     return lambda row: jackknife(row.sums, statistic, np.arange(len(row.sums)))
 
 

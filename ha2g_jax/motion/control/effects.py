@@ -97,7 +97,10 @@ def pin(skeleton: Skeleton, directions: np.ndarray, fps: float, pins: Sequence[P
 
 
 def mute(skeleton: Skeleton, directions: np.ndarray, fps: float, mutes: Sequence[Span]) -> np.ndarray:
-    """Remove gestures from spans: both arms rest there; more than half a second away from them nothing changes."""
+    """Remove gestures from spans of time that do not overlap: both arms rest, while trunk and head do not change.
+
+    More than half a second away from a span the arms do not change either.
+    """
     for one in mutes:
         weight = motion_weight(one, [other for other in mutes if other is not one], len(directions), fps)
         directions = scale_about(rest_pose(skeleton), directions, weight, arm_parts(skeleton))

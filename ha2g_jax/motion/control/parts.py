@@ -240,6 +240,7 @@ def limit_scale(scale: float, rise: np.ndarray, headroom: np.ndarray) -> np.ndar
 def _scales(
     reference: np.ndarray, rotations: Rotations, means: Rotations, scale: float, chosen: tuple[Part, ...]
 ) -> Rotations:
+    """Return the limited scale (T,) of each rotation."""
     scales = {bones: np.full(len(rotation), min(scale, 1.0)) for bones, rotation in rotations.items()}
     for part in chosen:
         if part.kind not in (TRUNK, HEAD, UPPER_ARM, FOREARM, HAND):

@@ -1,8 +1,4 @@
-"""Export of a motion to the files of other programs: one function, `export`, and one module for each format.
-
-All formats use the same axes: y up, the figure faces +z, its left is at +x. Lengths are in metres, in BVH in
-centimetres.
-"""
+"""Export of a motion to files of other programs: metres (centimetres in BVH), y up, facing +z, with the left at +x."""
 
 import dataclasses
 import pathlib

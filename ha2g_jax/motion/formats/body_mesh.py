@@ -72,10 +72,7 @@ _BROW_THICK = np.array([0.0030, 0.0036, 0.0033, 0.0018])
 
 
 class Joints:
-    """Positions (3,) of joints at rest, and indices of the joints that rotate as `ha2g` joints do, by their names.
-
-    `scale` is the size of the body relative to that of the tables.
-    """
+    """Positions (3,) of joints at rest, indices of those that turn as in `ha2g`, and size relative to the tables."""
 
     def __init__(self, places: dict[str, np.ndarray], carriers: dict[str, int], count: int, scale: float) -> None:
         self.places, self.carriers, self.scale = places, carriers, scale
@@ -302,7 +299,6 @@ def _leg(joints: Joints, side: str) -> dict[str, Surface]:
 
 
 def _head(joints: Joints) -> dict[str, list[Surface]]:
-    """Build neck, face, ears and hair."""
     size, neck = joints.scale, joints["neck"]
     head = joints.moved_by("head")
     weight = smoothstep(np.linspace(0, 1, 8), 0.1, 0.9)

@@ -44,10 +44,8 @@ def write_glb(
 def write_vrma(
     path: str | pathlib.Path, animation: Animation, *, duration: float | None = None, audio_name: str | None = None
 ) -> None:
-    """Write a `.vrma` file (vrm-c/vrm-specification, VRMC_vrm_animation-1.0).
-
-    Any VRM avatar can play it: a player rotates the bones of the avatar as the nodes rotate from the VRM T-pose, which
-    is the rest pose of the nodes.
+    """Write a `.vrma` file (VRMC_vrm_animation-1.0), whose nodes rotate from the T-pose as the bones of any VRM
+    avatar.
     """
     document = Document()
     nodes = document.add_armature(animation)
@@ -163,7 +161,6 @@ def _extras(animation: Animation, duration: float | None, audio_name: str | None
 
 
 def _add_body(document: Document, animation: Animation, nodes: list[int]) -> None:
-    """Add the mesh of the body in the rest pose, its materials and its skin."""
     gltf = document.gltf
     root = animation.translation[0]
     parts = body_mesh(animation.armature)

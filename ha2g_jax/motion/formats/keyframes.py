@@ -123,7 +123,6 @@ class _Page(NamedTuple):
 
 
 def _wrists(motion: Motion) -> np.ndarray:
-    """Return (T, 2, 3) positions of the wrists in metres."""
     joints = [motion.joint_names.index(f"{side}_wrist") for side in ("left", "right")]
     return motion.positions[:, joints].astype(np.float64)
 

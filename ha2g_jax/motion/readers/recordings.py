@@ -28,10 +28,7 @@ _MIN_FRACTION = 0.5  # minimum length of the shorter of motion and audio, as a f
 
 
 class MotionRecording(NamedTuple):
-    """A motion file and the files that belong to it, None where they lie beside it.
-
-    `is_alone` says that there is no other motion file in the same folder.
-    """
+    """A motion file, alone in its folder or not, and the files that belong to it, None where they lie beside it."""
 
     path: pathlib.Path
     name: str

@@ -194,11 +194,7 @@ def _local(axis_angles: np.ndarray, moments: np.ndarray) -> Rotation:
 
 
 def _pose(axis_angles: np.ndarray, rest: np.ndarray, moments: np.ndarray) -> tuple[np.ndarray, list[Rotation]]:
-    """Apply local axis-angles (frames, 55, 3) to a body (61, 3) at the moments.
-
-    Returns:
-        Its points (T, 61, 3), and the T rotations of each of the 55 joints.
-    """
+    """Apply axis-angles (frames, 55, 3) to a body (61, 3) at T moments; return points (T, 61, 3) and rotations."""
     positions = np.empty((len(moments), len(rest), 3))
     positions[:, 0] = rest[0]
     rotations: list[Rotation] = []
@@ -226,7 +222,6 @@ def _from_positions(found: np.ndarray, skeleton: Skeleton, up: str) -> tuple[np.
 
 
 def _head_rotations(points: np.ndarray) -> np.ndarray:
-    """Return rotations (T, 3, 3) of the head, computed from its joint and the eyeballs."""
     left, right = (points[:, JOINTS.index(f"{side}_eyeball")] for side in ("left", "right"))
     x, ahead = left - right, (left + right) / 2 - points[:, HEAD]
     y = np.cross(ahead, x)
@@ -239,6 +234,5 @@ def _head_rotations(points: np.ndarray) -> np.ndarray:
 
 
 def _choose(points: np.ndarray, skeleton: Skeleton) -> np.ndarray:
-    """Select the joints of the skeleton (T, joints, 3) from points (T, 61, 3)."""
     places = {name: index for index, name in enumerate((*JOINTS, *FACE))} | {"spine": JOINTS.index(_CHEST)}
     return points[:, [places[joint] for joint in skeleton.joints]]

@@ -182,7 +182,6 @@ def to_arrays(
 
 
 def _poses(arrays: Mapping[str, np.ndarray]) -> tuple[str, np.ndarray]:
-    """Return the name and the values (T, 55, 3) of the poses of a file."""
     if POSES in arrays:
         array = arrays[POSES]
         widths = {len(JOINTS): range(len(JOINTS)), NUM_SMPLH: _SMPLH}

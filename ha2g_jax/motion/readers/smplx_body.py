@@ -103,7 +103,6 @@ def template() -> Body:
 
 
 def _side(name: str, left: dict) -> np.ndarray:
-    """Return the position of a joint; joints on the right are mirror images of those on the left."""
     return np.array(left[name.replace("right", "left")]) * (-1 if name.startswith("right") else 1, 1, 1)
 
 

@@ -46,9 +46,7 @@ def limits_of(joint: str) -> dict[str, Range]:
 
 
 def clamp(armature: Armature, local: np.ndarray) -> np.ndarray:
-    """Clamp each joint's rotation relative to its parent (T, J, 4) to its limits; the joints below it rotate with
-    it.
-    """
+    """Clamp the rotations (T, J, 4) of joints relative to their parents to their limits, each on its own."""
     clamped = local.copy()
     for name, joints in _alike(armature.joints):
         clamped[:, joints] = _clamp(name, local[:, joints].reshape(-1, 4)).reshape(len(local), len(joints), 4)
@@ -103,9 +101,7 @@ def without_jumps(local: np.ndarray, clamped: np.ndarray) -> np.ndarray:
 
 
 def _reduce_near_reversal(found: np.ndarray, kept: np.ndarray) -> np.ndarray:
-    """Reduce the twist, the last of clamped angles (T, n), near 180 degrees, where the other end of the range is
-    nearer.
-    """
+    """Reduce the twist, the last of clamped angles (T, n), near 180 degrees, beyond which the other end is nearer."""
     weight = np.clip((np.pi - np.abs(found[:, -1])) / (np.pi - _NEARLY_REVERSED), 0, 1)
     reduced = kept.copy()
     reduced[:, -1] *= np.where(found[:, -1] == kept[:, -1], 1, weight)
