@@ -94,6 +94,8 @@ def _rows(path: pathlib.Path, vocabulary: Vocabulary, dim: int) -> dict[int, tup
 
 
 class _Unpacked:
+    """A file of which at most `most` bytes are read, because a small packed file may unpack to any size."""
+
     def __init__(self, file: io.BufferedIOBase, most: int):
         self._file, self._left = file, most
 

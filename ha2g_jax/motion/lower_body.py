@@ -59,7 +59,10 @@ class LowerBody:
 
     @property
     def floor(self) -> float:
-        """Height of the floor in metres: 0, or where the feet stand if more than 10 cm from 0, as in SMPL-X."""
+        """Height of the floor in metres: 0, or where the feet stand if that is more than 10 cm from 0.
+
+        SMPL-X measures `trans` from a point of its body model, so that 0 is no floor.
+        """
         lowest = self.positions()[..., 1].min(axis=1)
         height = float(np.quantile(lowest, _LOWEST)) - SOLE
         return 0.0 if abs(height) <= _TRUSTED else height

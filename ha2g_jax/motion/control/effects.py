@@ -167,7 +167,10 @@ class RunningControls:
         self._num_frames = 0
 
     def apply(self, directions: np.ndarray, controls: Controls, *, is_muted: bool = False) -> np.ndarray:
-        """Apply controls that pass `check_running` to the next frames (n, bones, 3); with `is_muted` both arms rest."""
+        """Apply controls that pass `check_running` to the next frames (n, bones, 3): mirror, then scale, then rest.
+
+        Where all controls are neutral the values stay; with `is_muted` both arms rest.
+        """
         target = _amounts(controls, is_muted)
         frames = [self._frame(np.asarray(frame, np.float32)[None], self._ramp.step(target)) for frame in directions]
         return np.concatenate([np.zeros((0, *directions.shape[1:]), np.float32), *frames])
