@@ -179,7 +179,7 @@ def test_a_disk_that_takes_nothing_is_a_sentence_and_a_line(client, monkeypatch,
     answer = client.post("", wav(0.3))
     assert answer.status == status and message in answer.error and "/tmp" not in answer.error
     (line,) = caplog.records
-    assert error.strerror.lower() in line.getMessage() and line.exc_info is None
+    assert str(error.strerror).lower() in line.getMessage() and line.exc_info is None
 
 
 def test_the_folder_of_temporary_files_may_be_removed(client, tmp_path, monkeypatch, caplog):

@@ -2,6 +2,7 @@
 
 import json
 import logging
+import pathlib
 
 import pytest
 from fixtures.transcripts import short_form, text_grid
@@ -151,6 +152,6 @@ def test_the_choice_among_speakers_is_the_users(tmp_path, caplog, name):
     with caplog.at_level(logging.WARNING):
         read_words(path)
     assert "Mary Ann" in caplog.text and "Bob" in caplog.text and "FILE#NAME" in caplog.text
-    assert [word.text for word in read_words(f"{path}#bob")] == ["yes"]
+    assert [word.text for word in read_words(pathlib.Path(f"{path}#bob"))] == ["yes"]
     with pytest.raises(UserError, match=r"no speaker 'Joe'; expected one of: 'Mary Ann.*'Bob"):
-        read_words(f"{path}#Joe")
+        read_words(pathlib.Path(f"{path}#Joe"))

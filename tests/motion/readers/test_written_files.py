@@ -66,8 +66,7 @@ def test_every_rig_in_every_unit_and_with_any_names(rig, unit, affix, bvhs, file
     path = tmp_path_factory.mktemp("x") / "x.bvh"
     text = re.sub(r"(ROOT|JOINT) (\S+)", lambda it: f"{it[1]} {affix.format(it[2])}", bvhs[rig])
     path.write_text(rescaled(text, UNITS[unit]))
-    stated = {} if unit not in ("CMU", "feet") else {"unit": UNITS[unit]}
-    found = read_motion(path, **stated)
+    found = read_motion(path, unit=UNITS[unit] if unit in ("CMU", "feet") else None)
     assert found.meta["read_from"]["unit"] == UNITS[unit]
     check_joints(found, read_motion(files["own"]), rig)
 
