@@ -65,12 +65,8 @@ def from_corpus(
 ) -> tuple[list[ClipResult], list[ClipResult]]:
     """Return the motion that a model generates for a split, and the true motion.
 
-    Args:
-        seed: seed of the sample of clips and of everything that the model draws.
-        limit: greatest number of clips, drawn at random; all by default.
-        with_audio: whether the sound is kept, which the legacy scores need.
-        look_ahead: frames of speech that a stream of the model hears beyond each frame; by default it hears the whole
-            clip.
+    At most `limit` clips are drawn at random, all by default; the legacy scores need `with_audio`. With `look_ahead`
+    the motion is that of a stream that hears this many frames beyond each frame.
 
     Raises:
         UserError: see `generated`.

@@ -92,8 +92,7 @@ def evaluate(
             changes of angles, limits of angles) are taken; by default the reference itself.
         autoencoder: pose auto-encoder that gives the latents of FGD and diversity, which are left out without.
         legacy: whether to add the section "legacy_v1"; beat consistency then needs the sound of the reference.
-        seed: seed of everything random.
-        draws: number of draws of the bootstrap.
+        draws: number of draws of the bootstrap, of which `seed` is the seed.
         notes: sentences about the motion, which go to the results.
 
     Returns:

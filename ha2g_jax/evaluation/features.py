@@ -27,10 +27,7 @@ _BATCH = 256  # windows that are encoded at once; the last batch is filled up, s
 
 
 class PoseFeatures:
-    """Pose auto-encoder trained by `ha2g train` (HA2G, Table 9), in evaluation mode.
-
-    Args:
-        source: a workdir or a model folder.
+    """Pose auto-encoder (HA2G, Table 9) of a workdir or a model folder, in evaluation mode.
 
     Attributes:
         id: SHA-256 of the weights. Distances in the latent spaces of two auto-encoders cannot be compared.

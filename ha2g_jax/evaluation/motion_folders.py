@@ -100,10 +100,8 @@ def from_folders(
     the same name beside the reference, or else beside the motion. `_gestures` at the end of a name does not count. All
     motion is brought to 15 frames per second, see `motion.readers`.
 
-    Args:
-        skeleton: "ted_expressive" or "ted_gesture"; by default the first of them that the first reference file fits.
-        with_audio: whether the sound is kept, which the legacy scores need.
-        reading: what is known about the files.
+    The skeleton is "ted_expressive" or "ted_gesture", by default the first of them that the first reference file fits;
+    the legacy scores need `with_audio`.
 
     Raises:
         UserError: a folder holds no motion, the names do not meet, or a file cannot be used.

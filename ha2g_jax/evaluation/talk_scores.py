@@ -100,11 +100,11 @@ def score_known_causes(
     word is wrong. A gain is the model's F1 less that of mismatched speech, with the error of the paired difference. The
     accuracy of the linear probe on frozen f_high is of HA2G alone; "majority" has that of the most frequent class.
 
-    The model takes the style of each clip from the clip's own reference frames, or from the speaker's name.
+    The model takes the style of each clip from the clip's own reference frames, or from the speaker's name; `seed` is
+    that of start poses, of the teacher's noise and of the samples of clips.
 
     Args:
         limits: name of each split to score -> greatest number of clips, drawn at random; None for all.
-        seed: seed of start poses, of the teacher's noise and of the samples of clips.
         look_ahead: frames of speech that a stream hears beyond each frame; None for motion of whole clips.
 
     Returns:

@@ -178,11 +178,8 @@ class StepLog:
     - `seconds` since this log was created,
     - in the first line `compile_seconds`, the time of the first step, which is left out of the speed.
 
-    Args:
-        batch_size: windows in a step, of all hosts together.
-        is_due: function that tells whether to write a line for a step.
-        shown: name of the loss term that the progress bar shows.
-        pending: `state` of the log of the run that this run continues.
+    The batch size is that of all hosts together, `shown` the loss term that the progress bar shows, and `pending` the
+    `state` of the log of the run that this run continues.
     """
 
     def __init__(

@@ -47,9 +47,7 @@ class Memory(NamedTuple):
 class TimedStep:
     """The training step of a config, compiled for the devices of the config but not yet run.
 
-    Args:
-        corpus: corpus whose numbers of words and speakers are the sizes of the tables; None for the sizes of TED.
-        onednn: as in `build_objective`.
+    The corpus gives the numbers of words and speakers, which are the sizes of the tables; None for those of TED.
 
     Attributes:
         batch: the random batch, on the devices.
