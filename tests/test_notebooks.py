@@ -80,7 +80,7 @@ def test_the_extra_of_make_notebooks_names_all_that_it_imports():
     names = {re.split(r"[\[<>=]", name)[0] for name in [*extras, *project["dependencies"]]}
     assert "ipykernel" in names  # the kernel, which also installs IPython
     imported = {name.split(".")[0] for path in [*SOURCES, NOTEBOOKS / "run.py"] for name in _imports(path)}
-    assert imported - set(sys.stdlib_module_names) - {"ha2g_jax", "IPython"} <= names
+    assert imported - set(sys.stdlib_module_names) - {"ha2g_jax", "inspection", "IPython"} <= names
 
 
 def _imports(path):

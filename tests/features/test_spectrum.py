@@ -255,13 +255,13 @@ def test_a_fixed_level_stays():
 @settings(max_examples=20, deadline=None)
 @given(st.floats(-0.05, 0.05), st.floats(1, 30), st.floats(0, 6))
 def test_what_nobody_hears_changes_no_feature(constant, frequency, phase):
-    """Where the speech is within 40 dB of its loudest moment, a band changes by less than 1 dB."""
+    """Where the speech is within 40 dB of its loudest moment, a band changes by less than 2 dB."""
     speech = noise(16000)
     rumble = constant + 0.01 * np.sin(2 * np.pi * frequency * np.arange(16000) / 16000 + phase)
     before, after = log_mel(speech), log_mel(speech + rumble.astype(np.float32))
     is_loud = before > -40
     assert is_loud.mean() > 0.9
-    assert np.abs(after - before)[is_loud].max() < 1
+    assert np.abs(after - before)[is_loud].max() < 2
     # The ends of a sine are steps, which are heard.
     steady = slice(4000, 12000)
     np.testing.assert_allclose(high_pass(speech + rumble)[steady], high_pass(speech)[steady], atol=1e-3)
