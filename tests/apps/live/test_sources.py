@@ -207,11 +207,13 @@ def listening(free_port):
 
 def test_a_websocket_takes_binary_messages_of_one_sender(listening):
     address, chunks = listening
-    with connect_when_ready(address) as sender, connect(str(address)) as other:
-        sender.send(pcm(tone(16000))[:1001])
-        with pytest.raises(ConnectionClosed, match="another sender"):
-            other.recv(timeout=5)
-        sender.send(pcm(tone(16000))[1001:])
+    with connect_when_ready(address) as sender:
+        time.sleep(0.5)  # until the thread of this sender has begun
+        with connect(str(address)) as other:
+            sender.send(pcm(tone(16000))[:1001])
+            with pytest.raises(ConnectionClosed, match="another sender"):
+                other.recv(timeout=5)
+            sender.send(pcm(tone(16000))[1001:])
     end = time.monotonic() + 10
     while sum(np.count_nonzero(chunk.samples) for chunk in chunks) < 15_000 and time.monotonic() < end:
         time.sleep(0.01)
