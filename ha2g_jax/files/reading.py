@@ -72,7 +72,8 @@ def why_not_there(path: str | os.PathLike) -> str:
         return "is an unfinished download: wait until it is complete, or download it again"
     if not head:
         return "is an empty file: copy or download it again"
-    if head.removeprefix(codecs.BOM_UTF8).lstrip().lower().startswith((b"<!doctype html", b"<html")):
+    is_page = head.removeprefix(codecs.BOM_UTF8).lstrip().lower().startswith((b"<!doctype html", b"<html"))
+    if is_page and path.suffix.lower() not in (".html", ".htm"):
         return "is a web page, not the file: open it in a browser, which shows why, and download the file itself"
     return ""
 

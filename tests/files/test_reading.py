@@ -66,6 +66,11 @@ def test_a_file_that_has_not_arrived_is_named(tmp_path, read, name, content, mes
         read(tmp_path / name)
 
 
+def test_a_page_that_is_named_as_one_has_arrived(tmp_path):
+    (tmp_path / "a.html").write_bytes(b"<html>")
+    assert read_whole(tmp_path / "a.html") == b"<html>"
+
+
 def test_a_pipe_keeps_its_content(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     with concurrent.futures.ThreadPoolExecutor(1) as pool:

@@ -46,8 +46,6 @@ def read_text(path: pathlib.Path) -> str:
     check_regular(path, _EXPECTED)  # reading a pipe would wait for ever
     with reading(path, _EXPECTED), path.open("rb") as file:
         data = file.read(MAX_TRANSCRIPT_BYTES + 1)
-    if not data:
-        raise UserError(f"{shown(path)} is an empty file; expected a transcript")
     if len(data) > MAX_TRANSCRIPT_BYTES:
         size = f"{MAX_TRANSCRIPT_BYTES >> 20} MiB"
         raise UserError(f"{shown(path)} is larger than {size}; expected the transcript of one recording")

@@ -222,8 +222,7 @@ def _affixes(joint_map: JointMap, joints: Sequence[str]) -> list[tuple[str, str]
     names = {_bare(name) for several in joint_map.names.values() for name in several} - {""}
     counts: collections.Counter[tuple[str, str]] = collections.Counter()
     for joint in map(str.casefold, joints):
-        for before, found, behind in (joint.partition(name) for name in names):
-            counts[before, behind] += bool(found)
+        counts.update((before, behind) for before, found, behind in map(joint.partition, names) if found)
     return [affix for affix, count in counts.most_common() if 2 * count > max(counts.values())]
 
 
