@@ -170,5 +170,5 @@ def hide_end(example: dict[str, Any], start_frame: int, heard: int, fps: float) 
 def _white_noise() -> np.ndarray:
     """Return the mel powers of white noise, (128, columns) float32, whose `sound_power` is 1."""
     samples = np.random.default_rng(0).normal(size=_NOISE_SECONDS * SAMPLE_RATE).astype(np.float32)
-    power = np.power(10, log_mel(samples)[:, 2:-2] / 10)  # columns at the ends hold reflected samples
+    power = np.power(10, log_mel(samples)[:, 2:-2] / 10)  # columns at the ends are silence
     return power / np.float32(sound_power(power))

@@ -1,8 +1,10 @@
 """Log-mel spectrograms of whole clips and of their windows: that of HA2G, and that of Whisper.
 
 HA2G's is librosa's, whose import takes seconds because it compiles with numba: FFT 1024, hop 512, periodic Hann window,
-centred frames with reflected borders, 128 mel bands of Slaney's scale and area normalisation over 0-8 kHz, power to dB.
-What is below 80 Hz counts for nothing: a constant, rumble and the hum of the mains are in no voice.
+centred frames, 128 mel bands of Slaney's scale and area normalisation over 0-8 kHz, power to dB.
+What is below 80 Hz counts for nothing: a constant, rumble and the hum of the mains are in no voice. Slow sines are
+subtracted before the transform, because the Hann window spreads them over all frequencies. The first and the last
+column, which reach beyond the ends of the sound, are silence: sound that begins in the middle of a wave is no click.
 D11: 0 dB is the maximum of the clip, the floor lies 80 dB below it; the spectrogram is computed once per clip and
 sliced at the nearest column.
 
@@ -28,6 +30,7 @@ FLOOR_DB = -80.0
 # A clip whose loudest mel power is lower is silence: 70 dB below the noise of 16-bit rounding.
 _SILENCE_POWER = 1e-15
 _FIRST_HEARD = math.ceil(LOWEST_HZ * FFT_SIZE / SAMPLE_RATE)  # number of a frequency of the FFT
+_SLOW_CYCLES = np.arange(0, 3, 0.5)  # in a column; the fastest, 39 Hz, fills frequencies up to `_FIRST_HEARD`
 
 NUM_ASR_MELS = 80  # mel bands of Whisper's models, except large-v3 and its derivatives, which have 128
 ASR_COLUMNS_PER_SECOND = 100
@@ -54,7 +57,7 @@ _SOUND = 10 ** (-_SOUND_DB / 10)
 
 _LINEAR_HZ, _LINEAR_MEL = 1000.0, 15.0  # end of the linear part of Slaney's scale
 _LOG_STEP = np.log(6.4) / 27  # of the logarithm of the frequency in a mel above it
-_BLOCK_BYTES = 1 << 22  # of samples that are transformed together
+_BLOCK_BYTES = 1 << 18  # of samples that are transformed together: few enough for a single thread of BLAS
 _NEIGHBOURS = 8  # bands that are filtered together: few enough to have few frequencies, many enough to be fast
 _COLUMNS = 256  # columns that are filtered together: few enough for a single thread of BLAS
 
@@ -62,20 +65,23 @@ _COLUMNS = 256  # columns that are filtered together: few enough for a single th
 def log_mel(audio: np.ndarray, reference: float | None = None) -> np.ndarray:
     """Compute the log-mel spectrogram (128, 1 + samples // 512) float32 in [-80, 0] dB of a clip (samples,) at 16 kHz.
 
-    For a clip of ordinary loudness this is `librosa.power_to_db(melspectrogram(...), ref=np.max)`. Unlike that of
-    librosa, the floor is relative to the clip (D11), so that the result does not depend on the volume, and silence is
-    at the floor and not at 0 dB. `reference` is the mel power of 0 dB, by default the maximum of the clip.
+    For a clip of ordinary loudness this is `librosa.power_to_db(melspectrogram(...), ref=np.max)` between the first and
+    the last column, which are silence. Unlike that of librosa, the floor is relative to the clip (D11), so that the
+    result does not depend on the volume, and silence is at the floor and not at 0 dB. `reference` is the mel power of
+    0 dB, by default the maximum of the clip.
     """
-    power = mel_power(np.pad(np.asarray(audio, np.float32), FFT_SIZE // 2, mode="reflect"))
+    power = np.zeros((NUM_MELS, 1 + len(audio) // HOP_LENGTH), np.float32)
+    if len(audio) >= FFT_SIZE:
+        power[:, 1:-1] = mel_power(np.asarray(audio, np.float32))
     return decibels(power, float(np.max(power)) if reference is None else reference)
 
 
-def mel_power(padded: np.ndarray) -> np.ndarray:
+def mel_power(audio: np.ndarray) -> np.ndarray:
     """Compute the mel powers (128, 1 + (samples - 1024) // 512) float32 of sound (samples,) float32 at 16 kHz.
 
     Column c is that of samples 512 c to 512 c + 1023.
     """
-    power = power_spectrum(padded, FFT_SIZE, HOP_LENGTH)
+    power = power_spectrum(audio, FFT_SIZE, HOP_LENGTH, _slow_sines())
     power[:_FIRST_HEARD] = 0
     return mel_spectrum(power, NUM_MELS)
 
@@ -170,20 +176,35 @@ def asr_window(mel: np.ndarray, start_frame: int, num_frames: int, fps: float) -
     return np.pad(window, ((0, 0), (0, missing)), constant_values=floor)
 
 
-def power_spectrum(padded: np.ndarray, fft_size: int, hop_length: int) -> np.ndarray:
-    """Compute |STFT|^2 with a periodic Hann window, `abs(librosa.stft(padded, center=False)) ** 2`.
+def power_spectrum(audio: np.ndarray, fft_size: int, hop_length: int, without: np.ndarray | None = None) -> np.ndarray:
+    """Compute |STFT|^2 with a periodic Hann window, `abs(librosa.stft(audio, center=False)) ** 2`.
 
     The sound is (samples,) float32, of at least `fft_size` samples, and the first column begins with the first of them.
-    The result (1 + fft_size // 2, 1 + (samples - fft_size) // hop_length) is float32 in column-major order.
+    The result (1 + fft_size // 2, 1 + (samples - fft_size) // hop_length) is float32 in column-major order. From
+    the windowed samples of a column their projection on orthonormal vectors `without` (fft_size, n) is subtracted.
     """
-    hann = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(fft_size) / fft_size)
-    columns = np.lib.stride_tricks.sliding_window_view(padded, fft_size)[::hop_length]
+    hann = _hann(fft_size)
+    columns = np.lib.stride_tricks.sliding_window_view(audio, fft_size)[::hop_length]
     power = np.empty((len(columns), 1 + fft_size // 2), np.float32)
     size = _BLOCK_BYTES // (8 * fft_size)
     for start in range(0, len(columns), size):
-        spectrum = np.fft.rfft(hann * columns[start : start + size]).astype(np.complex64)
-        power[start : start + size] = np.square(np.abs(spectrum))
+        windowed = hann * columns[start : start + size]
+        if without is not None:
+            windowed -= windowed @ without @ without.T
+        power[start : start + size] = np.square(np.abs(np.fft.rfft(windowed).astype(np.complex64)))
     return power.T
+
+
+def _hann(size: int) -> np.ndarray:
+    return 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(size) / size)
+
+
+@functools.cache
+def _slow_sines() -> np.ndarray:
+    """Return orthonormal vectors (1024, 11) that span the windowed sines of `_SLOW_CYCLES` of any phase."""
+    phases = 2 * np.pi * np.arange(FFT_SIZE)[:, None] / FFT_SIZE * _SLOW_CYCLES
+    sines = np.concatenate([np.cos(phases), np.sin(phases[:, 1:])], axis=1)
+    return np.linalg.qr(_hann(FFT_SIZE)[:, None] * sines).Q
 
 
 def mel_spectrum(power: np.ndarray, num_mels: int) -> np.ndarray:
@@ -246,7 +267,7 @@ class RunningMel:
         self._reference = TYPICAL_POWER if reference is None else reference
         self._is_running = reference is None
         self._powers = np.zeros((num_columns, NUM_MELS), np.float32)  # the latest column last; silence before the first
-        self._num_columns = 0  # that were computed since the start
+        self._num_columns = 1  # that were computed since the start; the first one is silence
         self._samples = np.zeros(0, np.float32)  # those that later columns need, from number `_first` on
         self._first = 0
 
@@ -254,24 +275,10 @@ class RunningMel:
         """Add samples (samples,) float32 at 16 kHz to the end, and compute the columns that they complete."""
         self._samples = np.concatenate([self._samples, samples])
         while HOP_LENGTH * (self._num_columns + 1) <= self._first + len(self._samples):
-            if self._num_columns == 0:  # the start is reflected; the weight of the first sample of a column is 0
-                half = self._samples[:HOP_LENGTH]
-                self._add_column(np.concatenate([half[:1], half[:0:-1], half]))
-            else:
-                start = HOP_LENGTH * (self._num_columns - 1) - self._first
-                self._add_column(self._samples[start : start + FFT_SIZE])
-        # The last column reflects the end of the speech, for which it needs one sample more.
-        done = max(HOP_LENGTH * (self._num_columns - 1) - 1 - self._first, 0)
+            start = HOP_LENGTH * (self._num_columns - 1) - self._first
+            self._add_column(self._samples[start : start + FFT_SIZE])
+        done = HOP_LENGTH * (self._num_columns - 1) - self._first
         self._samples, self._first = self._samples[done:].copy(), self._first + done
-
-    def end(self) -> None:
-        """Compute the last column, in which the end of the speech is reflected; silence follows."""
-        if not self._first + len(self._samples):
-            return
-        half = FFT_SIZE // 2
-        padded = np.pad(self._samples, (0 if self._first else half, half), mode="reflect")
-        start = HOP_LENGTH * self._num_columns - (self._first + half if self._first else 0)
-        self._add_column(padded[start : start + FFT_SIZE])
 
     def window(self, start: int, columns: int) -> np.ndarray:
         """Return columns (128, columns) float32 dB at the precision of `data.speech`, silence where there are none."""

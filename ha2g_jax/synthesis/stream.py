@@ -180,7 +180,6 @@ class Stream:
         """
         self._check_open()
         self._is_ended = True
-        self._mel.end()
         count = num_frames(self._num_samples / SAMPLE_RATE, self.fps)
         frames = [self._held]
         while (missing := count - self._num_runs * self.hop) > 0:

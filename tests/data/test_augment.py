@@ -189,7 +189,7 @@ def _num_hidden(mel: np.ndarray) -> int:
 
 
 @pytest.mark.parametrize("fps", [15, 24])
-@pytest.mark.parametrize("start_frame", [0, 1, 7, 24])
+@pytest.mark.parametrize("start_frame", [1, 7, 24])  # the first column of a clip needs no sample
 def test_hidden_columns_are_those_that_need_later_samples(start_frame, fps):
     """Other samples after the heard frames, at a fixed 0 dB, change hidden columns only, and each of these."""
     rng = np.random.default_rng(0)

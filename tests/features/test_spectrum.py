@@ -3,6 +3,7 @@
 import librosa
 import numpy as np
 import pytest
+import scipy.signal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -57,16 +58,23 @@ def test_every_band_and_column_has_all_of_its_frequencies(fft_size, num_mels):
     np.testing.assert_allclose(mel_spectrum(power, num_mels), expected, rtol=1e-5)
 
 
-def test_mel_is_librosas_with_reflected_borders():
+def test_mel_is_librosas_between_silent_borders():
+    """Slow sines are subtracted from the windowed samples first, here by least squares."""
     samples = noise(36267)
-    spectrum = np.abs(librosa.stft(samples, n_fft=1024, hop_length=512, pad_mode="reflect")) ** 2
+    frames = np.stack([samples[start : start + 1024] for start in range(0, len(samples) - 1023, 512)], axis=1)
+    phases = 2 * np.pi * np.arange(1024)[:, None] / 1024 * np.array([0, 0.5, 1, 1.5, 2, 2.5])
+    window = scipy.signal.get_window("hann", 1024)[:, None]
+    sines = np.concatenate([np.cos(phases), np.sin(phases)], axis=1)
+    frames = frames - sines @ np.linalg.lstsq(window * sines, window * frames)[0]
+    spectrum = np.abs(np.fft.rfft(window * frames, axis=0)) ** 2
     spectrum[:6] = 0  # below 80 Hz
     power = librosa.feature.melspectrogram(S=spectrum, sr=16000, n_mels=128)
     expected = librosa.power_to_db(power, ref=np.max, top_db=80)
     mel = log_mel(samples)
     assert mel.shape == (128, 71)
     assert mel.dtype == np.float32
-    np.testing.assert_allclose(mel, expected, atol=1e-3)
+    np.testing.assert_allclose(mel[:, 1:-1], expected, atol=1e-3)
+    assert (mel[:, [0, -1]] == -80).all()
 
 
 def test_silence_is_the_floor_and_a_quiet_clip_is_as_loud_as_a_loud_one():
@@ -75,8 +83,9 @@ def test_silence_is_the_floor_and_a_quiet_clip_is_as_loud_as_a_loud_one():
 
 
 def test_a_given_reference_is_the_zero_of_the_scale():
-    half = log_mel(noise(16000), reference=1e3)[3:]  # the lowest bands are below 80 Hz
-    np.testing.assert_allclose(log_mel(noise(16000), reference=1e2)[3:], np.minimum(half + 10, 0), atol=1e-3)
+    half = log_mel(noise(16000), reference=1e3)[3:, 1:-1]  # without silence: columns, and bands below 80 Hz
+    expected = np.minimum(half + 10, 0)
+    np.testing.assert_allclose(log_mel(noise(16000), reference=1e2)[3:, 1:-1], expected, atol=1e-3)
     assert half.max() <= 0
 
 
@@ -175,19 +184,18 @@ def _speech(seconds: float, peak: float = 0.2) -> np.ndarray:
 
 
 def _loudest(samples: np.ndarray) -> float:
-    return float(mel_power(np.pad(samples, FFT_SIZE // 2, mode="reflect")).max())
+    return float(mel_power(samples).max()) if len(samples) >= FFT_SIZE else 1.0
 
 
 @pytest.mark.parametrize("count", [1, 2, 511, 512, 513, 600, 1023, 1024, 1025, 1536, 5000, 5120, 5121])
 def test_columns_are_those_of_the_clip(count):
-    """However it is cut, the reflected columns at both ends included."""
+    """However it is cut, the silent columns at both ends included."""
     samples = _speech(1)[:count]
     expected = prepare(samples, (), ("mel",)).tracks["mel"].astype(np.float32)
     for cut in (1, 100, 5121):
         running = RunningMel(40, _loudest(samples))
         for start in range(0, count, cut):
             running.add(samples[start : start + cut])
-        running.end()
         found = running.window(-3, expected.shape[1] + 8)
         np.testing.assert_allclose(found[:, 3:-5], expected, atol=0.07)  # one step of half precision
         assert (found[:, :3] == FLOOR_DB).all() and (found[:, -5:] == FLOOR_DB).all()
@@ -255,13 +263,10 @@ def test_a_fixed_level_stays():
 @settings(max_examples=20, deadline=None)
 @given(st.floats(-0.05, 0.05), st.floats(1, 30), st.floats(0, 6))
 def test_what_nobody_hears_changes_no_feature(constant, frequency, phase):
-    """Where the speech is within 40 dB of its loudest moment, a band changes by less than 2 dB."""
-    speech = noise(16000)
+    """Whatever the phase in which a slow sine begins, and in the pauses of the speech too."""
+    speech = _speech(1)
     rumble = constant + 0.01 * np.sin(2 * np.pi * frequency * np.arange(16000) / 16000 + phase)
-    before, after = log_mel(speech), log_mel(speech + rumble.astype(np.float32))
-    is_loud = before > -40
-    assert is_loud.mean() > 0.9
-    assert np.abs(after - before)[is_loud].max() < 2
+    np.testing.assert_allclose(log_mel(speech + rumble.astype(np.float32)), log_mel(speech), atol=0.5)
     # The ends of a sine are steps, which are heard.
     steady = slice(4000, 12000)
     np.testing.assert_allclose(high_pass(speech + rumble)[steady], high_pass(speech)[steady], atol=1e-3)

@@ -139,10 +139,10 @@ def test_the_demo_moves_as_it_did(demo):
     motion = demo.generate(example, seed=0, style=Style(speaker="speaker-00"))
     wrists = [motion.skeleton.joint(name) for name in ("left_wrist", "right_wrist")]
     expected = [
-        [[0.2951, 0.1658, -0.3754], [-0.2451, 0.1796, -0.4266]],
-        [[0.2031, 0.2307, -0.3591], [-0.3273, 0.0027, -0.3988]],
-        [[0.2262, 0.1978, -0.3948], [-0.2940, 0.1948, -0.3475]],
-        [[0.3065, 0.2435, -0.3377], [-0.2838, 0.1654, -0.4305]],
+        [[0.2949, 0.1660, -0.3754], [-0.2454, 0.1792, -0.4264]],
+        [[0.2021, 0.2312, -0.3585], [-0.3260, 0.0037, -0.3992]],
+        [[0.2262, 0.1969, -0.3952], [-0.2937, 0.1958, -0.3469]],
+        [[0.3071, 0.2430, -0.3380], [-0.2837, 0.1660, -0.4302]],
     ]
     np.testing.assert_allclose(motion.positions[[0, 30, 60, 90]][:, wrists], expected, atol=1e-3)
 
@@ -253,12 +253,11 @@ def test_a_speaker_table_takes_no_images(debug_model):
         model.generate(speech(1), style=Style(images=[__file__]))
 
 
-@pytest.mark.parametrize("rumble", ["constant", "sine"])
-def test_the_demo_does_not_move_by_what_nobody_hears(demo, rumble):
+@pytest.mark.parametrize(("constant", "frequency", "phase"), [(0.05, 5, 0), (-0.05, 25, 0), (0.02, 29.9, 1.6)])
+def test_the_demo_does_not_move_by_what_nobody_hears(demo, constant, frequency, phase):
     speech = read_audio(pathlib.Path(__file__).parents[2] / "examples" / "hello.wav")[:64000]
     seconds = np.arange(len(speech), dtype=np.float32) / 16000
-    added = 0.05 if rumble == "constant" else 0.01 * np.sin(2 * np.pi * 25 * seconds)
+    added = constant + 0.01 * np.sin(2 * np.pi * frequency * seconds + phase)
     style = Style(speaker="speaker-00")
     first, second = (demo.generate(samples, style=style).positions for samples in (speech, speech + added))
-    distance = np.linalg.norm(second - first, axis=-1)
-    assert distance.mean() < 0.002 and np.quantile(distance, 0.95) < 0.005
+    assert np.linalg.norm(second - first, axis=-1).max() < 0.001

@@ -3,7 +3,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { round, toFloat16 } from "../src/rounding.js";
-import { logMel, melPower, NUM_MELS, reflected } from "../src/sound/mel.js";
+import { logMel, melPower, NUM_MELS } from "../src/sound/mel.js";
 import { resample } from "../src/sound/resample.js";
 import { RunningMel } from "../src/sound/running-mel.js";
 import { isSilent } from "../src/sound/speech.js";
@@ -104,16 +104,14 @@ test("the columns of a running spectrogram are those of the whole, however the s
   const samples = noise(16000);
   const mel = new Float32Array(NUM_MELS);
   let loudest = 0;
-  const padded = reflected(samples, 512, 512);
-  for (let start = 0; start + 1024 <= padded.length; start += 512) {
-    melPower(padded, start, mel);
+  for (let start = 0; start + 1024 <= samples.length; start += 512) {
+    melPower(samples, start, mel);
     loudest = Math.max(loudest, ...mel);
   }
   const whole = logMel(samples);
   for (const piece of [1, 100, 511, 512, 1500, 16000]) {
     const running = new RunningMel(40, loudest);
     for (let start = 0; start < samples.length; start += piece) running.add(samples.subarray(start, start + piece));
-    running.end();
     const window = running.window(0, whole.length / NUM_MELS);
     whole.forEach((value, k) => {
       const [column, band] = [Math.floor(k / NUM_MELS), k % NUM_MELS];

@@ -13,7 +13,9 @@ const SILENCE_POWER = 1e-15; // a clip whose loudest mel power is lower is silen
 const FIRST_HEARD = Math.ceil((80 * FFT_SIZE) / SAMPLE_RATE); // a constant, rumble and hum below 80 Hz count for nothing
 const LEAST_RATIO = Math.fround(1e-8); // of the floor
 
-const spectrum = new PowerSpectrum(FFT_SIZE);
+const SLOW_CYCLES = [0, 0.5, 1, 1.5, 2, 2.5]; // of the sines in a column that are subtracted
+
+const spectrum = new PowerSpectrum(FFT_SIZE, SLOW_CYCLES);
 const filters = melFilters(SAMPLE_RATE, FFT_SIZE, NUM_MELS);
 const power = new Float32Array(1 + FFT_SIZE / 2);
 
@@ -42,11 +44,10 @@ export function melPower(samples: Float32Array, start: number, mel: Float32Array
  * @returns (1 + floor(samples / 512), 128) in [-80, 0], one column of the spectrogram after the other.
  */
 export function logMel(samples: Float32Array): Float32Array {
-  const padded = reflected(samples, FFT_SIZE / 2, FFT_SIZE / 2);
   const columns = 1 + Math.floor(samples.length / HOP_LENGTH);
-  const powers = new Float32Array(columns * NUM_MELS);
-  for (let column = 0; column < columns; column++) {
-    melPower(padded, column * HOP_LENGTH, powers.subarray(column * NUM_MELS, (column + 1) * NUM_MELS));
+  const powers = new Float32Array(columns * NUM_MELS); // the first and the last column are silence
+  for (let column = 1; column < columns - 1; column++) {
+    melPower(samples, (column - 1) * HOP_LENGTH, powers.subarray(column * NUM_MELS, (column + 1) * NUM_MELS));
   }
   const loudest = powers.reduce((most, value) => Math.max(most, value), 0);
   return powers.map((value) => decibels(value, loudest));
@@ -88,13 +89,4 @@ export function windowColumn(frame: number, fps: number): number {
 /** Returns the number of whole columns of the spectrogram in a number of frames. */
 export function windowColumns(numFrames: number, fps: number): number {
   return Math.trunc((numFrames * SAMPLE_RATE) / (fps * HOP_LENGTH));
-}
-
-/** Returns sound with `before` and `after` samples more, which are reflected at its first and last sample. */
-export function reflected(samples: Float32Array, before: number, after: number): Float32Array {
-  const period = Math.max(2 * (samples.length - 1), 1);
-  return Float32Array.from({ length: before + samples.length + after }, (_, k) => {
-    const place = (((k - before) % period) + period) % period;
-    return samples[Math.min(place, period - place)];
-  });
 }

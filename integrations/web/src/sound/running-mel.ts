@@ -7,7 +7,7 @@
  */
 
 import { toFloat16 } from "../rounding.js";
-import { decibels, FFT_SIZE, HOP_LENGTH, melPower, NUM_MELS, reflected, SAMPLE_RATE } from "./mel.js";
+import { decibels, HOP_LENGTH, melPower, NUM_MELS, SAMPLE_RATE } from "./mel.js";
 
 const TYPICAL_POWER = 15; // the loudest mel power of speech with a peak of about 0.2
 // 0 dB falls slowly while there is sound; it does not fall in pauses, and not below the level of a peak of about 0.02.
@@ -20,7 +20,7 @@ export class RunningMel {
   private reference: number;
   private readonly isRunning: boolean;
   private readonly powers: Float32Array; // (kept, 128), the latest column last; silence before the first
-  private numColumns = 0; // that were computed since the start
+  private numColumns = 1; // that were computed since the start; the first one is silence
   private samples: Float32Array = new Float32Array(0); // those that later columns need, from number `first` on
   private first = 0;
 
@@ -43,26 +43,11 @@ export class RunningMel {
     known.set(this.samples);
     known.set(samples, this.samples.length);
     while (HOP_LENGTH * (this.numColumns + 1) <= this.first + known.length) {
-      if (this.numColumns === 0) {
-        // The start is reflected; the weight of the first sample of a column is 0.
-        const half = known.subarray(0, HOP_LENGTH);
-        this.addColumn(Float32Array.from([half[0], ...half.subarray(1).toReversed(), ...half]), 0);
-      } else {
-        this.addColumn(known, HOP_LENGTH * (this.numColumns - 1) - this.first);
-      }
+      this.addColumn(known, HOP_LENGTH * (this.numColumns - 1) - this.first);
     }
-    // The last column reflects the end of the speech, for which it needs one sample more.
-    const done = Math.max(HOP_LENGTH * (this.numColumns - 1) - 1 - this.first, 0);
+    const done = HOP_LENGTH * (this.numColumns - 1) - this.first;
     this.samples = known.slice(done);
     this.first += done;
-  }
-
-  /** Computes the last column, in which the end of the speech is reflected; silence follows. */
-  end(): void {
-    if (!(this.first + this.samples.length)) return;
-    const half = FFT_SIZE / 2;
-    const padded = reflected(this.samples, this.first ? 0 : half, half);
-    this.addColumn(padded, HOP_LENGTH * this.numColumns - (this.first ? this.first + half : 0));
   }
 
   /**

@@ -12,9 +12,18 @@ export class PowerSpectrum {
   private readonly reversed: Uint16Array;
   private readonly real: Float64Array;
   private readonly imaginary: Float64Array;
+  private readonly slow: Float64Array[]; // orthonormal vectors that span windowed slow sines
+  private readonly column: Float64Array;
 
-  /** @param size - samples of a column, a power of 2. */
-  constructor(private readonly size: number) {
+  /**
+   * @param size - samples of a column, a power of 2.
+   * @param slowCycles - numbers of cycles in a column of the sines that are subtracted from it, as the window spreads
+   *   them over all frequencies.
+   */
+  constructor(
+    private readonly size: number,
+    slowCycles: readonly number[] = [],
+  ) {
     const half = size / 2;
     const angles = Float64Array.from({ length: size }, (_, k) => (2 * Math.PI * k) / size);
     this.cosines = angles.map(Math.cos);
@@ -24,6 +33,12 @@ export class PowerSpectrum {
     for (let k = 1; k < half; k++) this.reversed[k] = (this.reversed[k >> 1] >> 1) | (k & 1 ? half >> 1 : 0);
     this.real = new Float64Array(half);
     this.imaginary = new Float64Array(half);
+    this.column = new Float64Array(size);
+    const waves = [0, Math.PI / 2].flatMap((phase) => slowCycles.map((cycles) => ({ phase, cycles })));
+    const sines = waves.filter(({ phase, cycles }) => phase === 0 || cycles > 0);
+    this.slow = orthonormal(
+      sines.map(({ phase, cycles }) => this.window.map((weight, k) => weight * Math.cos(angles[k] * cycles - phase))),
+    );
   }
 
   /**
@@ -34,13 +49,15 @@ export class PowerSpectrum {
    * @param power - (1 + size / 2,) that the powers are written to.
    */
   compute(samples: Float32Array, start: number, power: Float32Array): void {
-    const { real, imaginary, cosines, sines, window, reversed } = this;
+    const { real, imaginary, cosines, sines, window, reversed, column } = this;
     const half = this.size / 2;
+    for (let k = 0; k < this.size; k++) column[k] = window[k] * samples[start + k];
+    for (const vector of this.slow) subtractProjection(column, vector);
     // Even samples are the real parts, and odd ones the imaginary parts, of a transform of half the size.
     for (let k = 0; k < half; k++) {
       const to = reversed[k];
-      real[to] = window[2 * k] * samples[start + 2 * k];
-      imaginary[to] = window[2 * k + 1] * samples[start + 2 * k + 1];
+      real[to] = column[2 * k];
+      imaginary[to] = column[2 * k + 1];
     }
     this.transform();
     for (let k = 0; k <= half; k++) {
@@ -79,6 +96,24 @@ export class PowerSpectrum {
       }
     }
   }
+}
+
+/** Subtracts from values, in place, their projection on a vector of length 1. */
+function subtractProjection(values: Float64Array, vector: Float64Array): void {
+  let product = 0;
+  for (let k = 0; k < values.length; k++) product += values[k] * vector[k];
+  for (let k = 0; k < values.length; k++) values[k] -= product * vector[k];
+}
+
+/** Returns orthonormal vectors that span the given ones (Gram and Schmidt, twice for accuracy). */
+function orthonormal(vectors: Float64Array[]): Float64Array[] {
+  const found: Float64Array[] = [];
+  for (const vector of vectors) {
+    for (const other of [...found, ...found]) subtractProjection(vector, other);
+    const length = Math.hypot(...vector);
+    found.push(vector.map((value) => value / length));
+  }
+  return found;
 }
 
 /** A triangle on Slaney's mel scale: its values, and the number of the first one. */

@@ -101,7 +101,6 @@ export class Stream {
   async flush(): Promise<Float32Array> {
     this.checkOpen();
     this.isEnded = true;
-    this.mel.end();
     const { size, description } = this.sampler;
     const count = Math.max(1, round((this.numSamples / SAMPLE_RATE) * description.fps));
     const frames = [this.held];
