@@ -9,6 +9,7 @@
 # make pose          install the environment of the pose estimator in the user's cache
 # make lint          check style, types and the direction of imports
 # make docs          build the documentation, out/docs/index.html; a broken link or anchor is an error
+# make release       write what a release publishes, dist/: wheel, sources, npm package, extension for Blender
 # make notebooks     run the notebooks and store their output
 # make clean         remove the environments, out/ and caches
 
@@ -17,7 +18,7 @@ VENV ?= .venv
 PYTEST_WORKERS ?= 2
 FUZZ_SECONDS ?= 3600
 
-.PHONY: demo test test-all fuzz test-torch test-blender test-web web pose lint docs notebooks clean
+.PHONY: demo test test-all fuzz test-torch test-blender test-web web pose lint docs release notebooks clean
 
 demo: $(VENV)/demo
 	mkdir -p out
@@ -59,6 +60,13 @@ lint: $(VENV)/test $(VENV)/lint
 
 docs: $(VENV)/docs
 	NO_MKDOCS_2_WARNING=1 $(VENV)/bin/mkdocs build --strict
+
+release: $(VENV)/bin/python integrations/web/node_modules
+	$(VENV)/bin/python -m pip install --quiet build
+	$(VENV)/bin/python -m build --outdir dist
+	npm run --silent build --prefix integrations/web
+	cd integrations/web && npm pack --silent --pack-destination ../../dist
+	$(VENV)/bin/python integrations/blender/build.py
 
 notebooks: $(VENV)/notebook
 	$(VENV)/bin/python notebooks/run.py

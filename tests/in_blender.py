@@ -1,11 +1,15 @@
 """Run by a Python that has bpy, for test_blender: FOLDER with motion files in it; writes results.json there."""
 
+import contextlib
+import io
 import json
 import math
 import pathlib
 import sys
 
 import bpy  # type: ignore[import-not-found]
+
+import addon_utils  # type: ignore[import-not-found] # isort: skip
 import mathutils  # type: ignore[import-not-found]
 
 ROOT = pathlib.Path(__file__).parent.parent
@@ -21,6 +25,13 @@ results: dict = {}
 
 def perform(*arguments: str) -> int:
     return ha2g_blender.main([str(folder / word) if "." in word else word for word in arguments])
+
+
+def refuse(*arguments: str) -> str:
+    """What a command says that ends with exit code 2."""
+    with contextlib.redirect_stderr(io.StringIO()) as said:
+        assert perform(*arguments) == 2, arguments
+    return said.getvalue()
 
 
 def positions(frames: range, first: float = 0) -> dict[str, list[list[float]]]:
@@ -68,10 +79,33 @@ scene.open_file(folder / "figure.fbx")
 results["fbx"] = positions(range(12), bpy.data.actions[0].frame_range[0])
 
 a_character()
-perform("motion.json", "--open", "bob.blend", "--rig", "bob", "-o", "bob_moves.blend")
+perform("motion.json", "--open", "bob.blend", "-o", "bob_moves.blend")
 scene.open_file(folder / "bob_moves.blend")
 results["bob"] = positions(range(12))
 results["bob_thigh"] = list(bpy.data.objects["bob"].pose.bones["thigh_l"].rotation_quaternion)
+
+results["says"] = {
+    "no body": refuse("motion.bvh", "-o", "bones.png"),
+    "no character": refuse("motion.json", "--open", "motion.bvh", "-o", "x.blend"),
+}
+armatures.make_armature(reading.read_motion(folder / "motion.json"))
+bpy.ops.wm.save_as_mainfile(filepath=str(folder / "two.blend"))
+results["says"]["two armatures"] = refuse("motion.json", "--open", "two.blend", "-o", "x.blend")
+scene.open_file(folder / "scene.blend")
+bpy.context.scene.camera = bpy.data.objects.new("behind", bpy.data.cameras.new("behind"))
+bpy.context.collection.objects.link(bpy.context.scene.camera)
+bpy.ops.wm.save_as_mainfile(filepath=str(folder / "filmed.blend"))
+results["says"]["camera"] = refuse("motion.json", "--open", "filmed.blend", "-o", "filmed.png")
+
+scene.clear()
+addon_utils.enable("rigify", default_set=True)
+bpy.ops.object.armature_human_metarig_add()
+bpy.ops.pose.rigify_generate()
+bpy.ops.wm.save_as_mainfile(filepath=str(folder / "rigify.blend"))
+perform("motion.json", "--open", "rigify.blend", "--rig", "rig", "-o", "rigify_moves.blend")
+scene.open_file(folder / "rigify_moves.blend")
+bpy.data.objects.remove(bpy.data.objects["metarig"])
+results["rigify"] = positions(range(12))
 
 scene.clear()
 results["film"] = perform(

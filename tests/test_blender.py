@@ -3,6 +3,7 @@
 import importlib
 import json
 import pathlib
+import struct
 import subprocess
 import sys
 import tomllib
@@ -42,7 +43,7 @@ def addon() -> types.SimpleNamespace:
     folder = ROOT / "integrations" / "blender"
     sys.path.insert(0, str(folder))
     try:
-        names = ("motion", "reading", "bone_names", "fitting", "rotations")
+        names = ("motion", "reading", "bone_names", "fitting", "glb", "rotations")
         modules = {name: importlib.import_module(f"ha2g_motion.{name}") for name in names}
         modules["build"] = importlib.import_module("build")
         return types.SimpleNamespace(**modules)
@@ -110,7 +111,7 @@ def test_what_is_no_motion_is_refused_in_one_line(addon, tmp_path, monkeypatch, 
 
 
 def test_the_table_of_bone_names_is_that_of_the_rigs(addon):
-    """If this fails: python integrations/blender/build.py"""
+    """If this fails: python integrations/blender/build.py --names"""
     written = {rig: dict(rows) for rig, rows in addon.bone_names.tables().items()}
     assert written == {rig: dict(rows) for rig, rows in addon.build.bone_names().items()}
     arms = {f"{side}_{joint}" for side in ("left", "right") for joint in ("clavicle", "shoulder", "elbow", "wrist")}
@@ -139,6 +140,62 @@ def test_bones_are_known_whatever_their_prefix(addon, moving, prefix):
     assert f"{prefix}Hips" not in found
 
 
+CHARACTERS = {  # upper arms, forearm, hand, thumb and the highest bone of the spine, and a bone that is none of these
+    "mixamo": "LeftArm RightArm LeftForeArm LeftHand LeftHandThumb1 Spine2 LeftUpLeg",
+    "unreal 4": "upperarm_l upperarm_r lowerarm_l hand_l thumb_01_l spine_03 thigh_l",
+    "vroid": "J_Bip_L_UpperArm J_Bip_R_UpperArm J_Bip_L_LowerArm J_Bip_L_Hand J_Bip_L_Thumb1 J_Bip_C_Chest J_Sec_Hair",
+    "genesis 8": "lShldrBend rShldrBend lForearmBend lHand lThumb1 chestUpper lForearmTwist",
+    "genesis 9": "l_upperarm r_upperarm l_forearm l_hand l_thumb1 spine4 l_thigh",
+    "character creator": "CC_Base_L_Upperarm CC_Base_R_Upperarm CC_Base_L_Forearm CC_Base_L_Hand CC_Base_L_Thumb1 "
+    "CC_Base_Spine02 CC_Base_L_ForearmTwist01",
+    "biped": "Bip01_L_UpperArm Bip01_R_UpperArm Bip01_L_Forearm Bip01_L_Hand Bip01_L_Finger0 Bip01_Spine1 Bip01_L_Calf",
+    "makehuman": "upperarm01.L upperarm01.R lowerarm01.L wrist.L finger1-1.L spine01 upperarm02.L",
+    "rigify": "DEF-upper_arm.L DEF-upper_arm.R DEF-forearm.L DEF-hand.L DEF-thumb.01.L DEF-spine.003 DEF-thigh.L",
+}
+
+
+@pytest.mark.parametrize("rig", ["ha2g", "mixamo", "unreal", "smplx", "unity"])
+@pytest.mark.parametrize("bones", CHARACTERS.values(), ids=CHARACTERS)
+def test_each_rig_moves_the_characters_of_many_programs(addon, moving, rig, bones):
+    motion = moving(rig)
+    found = addon.bone_names.match(motion, bones.split())
+    names = addon.bone_names.roles(motion)
+    joints = ["left_shoulder", "right_shoulder", "left_elbow", "left_wrist", "left_thumb_1", "spine"]
+    assert {bone: names[joint] for bone, (joint, _) in found.items()} == dict(zip(bones.split(), joints))
+    assert {weight for _, weight in found.values()} == {1.0}
+
+
+@pytest.mark.parametrize("version", ["1.0", "0.x"])
+def test_a_vrm_character_states_its_bones(addon, moving, tmp_path, version):
+    names = {"leftUpperArm": "腕L", "rightUpperArm": "腕R", "leftLowerArm": "肘L", "leftHand": "手L", "chest": "胸"}
+    bones = {bone: {"node": index} for index, bone in enumerate(names)}
+    as_list = [{"bone": bone, **row} for bone, row in bones.items()]
+    key, table = ("VRMC_vrm", bones) if version == "1.0" else ("VRM", as_list)
+    tree = {
+        "nodes": [{"name": name} for name in names.values()],
+        "extensions": {key: {"humanoid": {"humanBones": table}}},
+    }
+    text = json.dumps(tree).encode()
+    head = struct.pack("<5I", 0x46546C67, 2, 20 + len(text), len(text), 0x4E4F534A)
+    (tmp_path / "character.vrm").write_bytes(head + text)
+    humanoid = addon.glb.humanoid(tmp_path / "character.vrm")
+    found = addon.bone_names.match(moving(), names.values(), humanoid=humanoid)
+    assert [joint for joint, _ in found.values()] == [
+        "left_shoulder",
+        "right_shoulder",
+        "left_elbow",
+        "left_wrist",
+        "spine",
+    ]
+
+
+def test_bones_that_constraints_hold_are_refused_or_their_controls_move(addon, moving):
+    bones, controls = CHARACTERS["rigify"].split(), ["upper_arm_fk.L", "upper_arm_fk.R", "forearm_fk.L", "hand_fk.L"]
+    assert set(addon.bone_names.match(moving(), [*bones, *controls], held=bones)) == set(controls)
+    with pytest.raises(addon.motion.MotionError, match=r"constraints hold 1 bones.*DEF-forearm.L"):
+        addon.bone_names.match(moving(), bones, held=bones[2:3])
+
+
 def test_bones_of_the_same_rig_and_of_ted_gesture(addon, moving):
     """Legs are left alone, and the head of TED Gesture is turned by its nose."""
     motion = moving("mixamo")
@@ -150,12 +207,12 @@ def test_bones_of_the_same_rig_and_of_ted_gesture(addon, moving):
 
 
 def test_names_that_fit_nothing_are_refused(addon, moving, tmp_path):
-    with pytest.raises(addon.motion.MotionError, match=r"no table of names fits.*Bip01.*--names"):
-        addon.bone_names.match(moving(), ["Bip01 L UpperArm", "Bip01 R UpperArm"])
-    (tmp_path / "names.json").write_text('{"Bip01 L UpperArm": "left_arm"}')
+    with pytest.raises(addon.motion.MotionError, match=r"no table of names fits.*Bone.001.*--names"):
+        addon.bone_names.match(moving(), ["Bone.001", "Bone.002"])
+    (tmp_path / "names.json").write_text('{"Bone.001": "left_arm"}')
     own = addon.bone_names.read_names(tmp_path / "names.json")
     with pytest.raises(addon.motion.MotionError, match="no joint left_arm"):
-        addon.bone_names.match(moving(), ["Bip01 L UpperArm"], own)
+        addon.bone_names.match(moving(), ["Bone.001"], own)
 
 
 def pose_target(addon, target, fitted: dict[str, np.ndarray]) -> np.ndarray:
@@ -275,6 +332,32 @@ def test_another_character_does_what_our_figure_does(in_blender, animation):
         expected = (positions[:, animation.armature.joint(name)] for name in (our_start, our_end))
         assert angle_between_bones(*found, *expected) < 0.2, (start, end)
     assert results["bob_thigh"] == pytest.approx([0.8, 0.6, 0, 0], abs=1e-6)
+
+
+def test_the_controls_of_rigify_move_its_bones(in_blender, animation):
+    """The controls of arms and fingers hang on the bones that they move, by constraints."""
+    positions = world(animation)[1]
+    chains = {("upper_arm", "forearm"): ("shoulder", "elbow"), ("forearm", "hand"): ("elbow", "wrist")}
+    chains |= {("f_index.02", "f_index.03"): ("index_2", "index_3"), ("thumb.01", "thumb.02"): ("thumb_1", "thumb_2")}
+    for (start, end), joints in chains.items():
+        for side, letter in (("left", "L"), ("right", "R")):
+            found = (np.array(in_blender[1]["rigify"][f"DEF-{name}.{letter}"]) for name in (start, end))
+            expected = (positions[:, animation.armature.joint(f"{side}_{joint}")] for joint in joints)
+            assert angle_between_bones(*found, *expected) < 0.2, (start, side)
+
+
+def test_what_would_be_empty_or_another_figure_is_refused(in_blender):
+    folder, results = in_blender
+    expected = {
+        "no body": "would be empty",
+        "no character": "cannot open motion.bvh; expected one of .blend",
+        "two armatures": "the armatures",
+        "camera": "the camera behind of the character's file does not show",
+    }
+    for case, sentence in expected.items():
+        assert sentence in results["says"][case]
+        assert results["says"][case].count("\n") == 1
+    assert not [name for name in ("bones.png", "x.blend", "filmed.png") if (folder / name).exists()]
 
 
 def test_a_film_lasts_as_long_as_the_motion_and_has_its_sound(in_blender):

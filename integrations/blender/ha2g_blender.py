@@ -1,16 +1,20 @@
 """Loads a motion in Blender without a window, onto an armature or as a new figure, and writes the result.
 
     blender --background --python ha2g_blender.py -- motion.glb -o scene.blend
-    blender --background --python ha2g_blender.py -- motion.glb --open character.fbx --rig Armature -o moving.fbx
+    blender --background --python ha2g_blender.py -- motion.glb --open character.fbx -o moving.fbx
     blender --background --python ha2g_blender.py -- motion.glb --audio speech.wav -o film.mp4
 
 Also with the Python of the bpy wheel: python ha2g_blender.py -- motion.glb -o scene.blend
 """
 
 import argparse
+import importlib.util
 import pathlib
 import sys
 
+if importlib.util.find_spec("bpy") is None:
+    print("ha2g_blender: no Blender here; run it with blender --background --python, or install bpy", file=sys.stderr)
+    sys.exit(2)
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
 from ha2g_motion import bone_names, checks, keys, reading, scene
@@ -44,19 +48,21 @@ def _run(arguments: argparse.Namespace) -> None:
             f"cannot write {checks.shown(arguments.out.name)}; expected one of {', '.join(scene.OUTPUTS)}"
         )
     motion = reading.read_motion(arguments.motion)
+    humanoid: dict[str, str] = {}
+    is_figure = arguments.open is None and arguments.rig is None and not bpy.data.filepath
     if arguments.open is not None:
-        scene.open_file(arguments.open)
-    elif arguments.rig is None:
+        humanoid = scene.open_file(arguments.open)
+    elif is_figure:
         scene.clear()
     stage = bpy.context.scene
     scene.set_time(stage, motion, start=arguments.start, keep_rate=arguments.keep_rate)
     place = {"start": arguments.start, "rate": scene.rate(stage)}
-    if arguments.rig is None:
+    if is_figure:
         armature = keys.make_figure(motion, **place)
     else:
         armature = scene.find_armature(arguments.rig)
         names = None if arguments.names is None else bone_names.read_names(arguments.names)
-        used = keys.apply_motion(motion, armature, names=names, **place)
+        used = keys.apply_motion(motion, armature, names=names, humanoid=humanoid, **place)
         print(f"{len(used)} bones of {armature.name} move")
     if arguments.audio is not None:
         scene.add_sound(stage, arguments.audio, arguments.start)
@@ -78,8 +84,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "-o", "--out", type=pathlib.Path, required=True, help=f"file to write: {', '.join(scene.OUTPUTS)}"
     )
-    parser.add_argument("--open", type=pathlib.Path, help="a character: .blend, .fbx, .glb or .gltf")
-    parser.add_argument("--rig", help="name of the armature to move (default: a new one)")
+    parser.add_argument("--open", type=pathlib.Path, help=f"a character: {', '.join(scene.CHARACTERS)}")
+    parser.add_argument("--rig", help="name of the armature to move, where the character has several")
     parser.add_argument("--names", type=pathlib.Path, help='JSON of your bone names: {"BONE": "JOINT"}')
     parser.add_argument("--audio", type=pathlib.Path, help="the speech, for the scene and an .mp4")
     parser.add_argument("--start", type=int, default=0, help="frame of the first pose (default: 0)")

@@ -1,5 +1,7 @@
 """Armatures in Blender: a new one from a motion, with its body, or the rest pose of an existing one."""
 
+from collections.abc import Iterable
+
 import bpy
 import numpy as np
 
@@ -9,6 +11,8 @@ from .motion import Body, Motion
 
 # Blender has z up, and its figures face -y: (x, y, z) of a file is (x, -z, y) there, a rotation by 90 degrees about x.
 TO_BLENDER = np.array([np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])
+# Of Rigify: forward kinematics, and bones that rotate with those above them.
+_RIGIFY = {"IK_FK": 1.0, "FK_limb_follow": 0.0, "neck_follow": 1.0, "head_follow": 1.0}
 _TIP = 0.02  # metres; length of the bone of the last joint of a chain
 
 
@@ -56,22 +60,55 @@ def root_location(motion: Motion, target: Target) -> np.ndarray:
 
 def target_of(armature: bpy.types.Object) -> Target:
     """Return the rest pose of an armature's bones."""
-    bones = _parents_first(armature.data.bones)
-    names = [bone.name for bone in bones]
+    bones = _parents_first(armature.pose.bones)
+    names = {bone.name: index for index, bone in enumerate(bones)}
     return Target(
         tuple(names),
-        tuple(names.index(bone.parent.name) if bone.parent else -1 for bone in bones),
-        np.array([bone.head_local for bone in bones]),
-        np.array([rotations.from_matrix(np.array(bone.matrix_local.to_3x3().normalized())) for bone in bones]),
-        tuple(bone.use_inherit_rotation for bone in bones),
+        tuple(names[parent.name] if (parent := _above(bone)) else -1 for bone in bones),
+        np.array([bone.bone.head_local for bone in bones]),
+        np.array([rotations.from_matrix(np.array(bone.bone.matrix_local.to_3x3().normalized())) for bone in bones]),
+        tuple(bone.bone.use_inherit_rotation for bone in bones),
     )
 
 
-def _parents_first(bones: bpy.types.ArmatureBones) -> list[bpy.types.Bone]:
-    found = [bone for bone in bones if bone.parent is None]
-    for bone in found:
-        found.extend(bone.children)
-    return found
+def held_bones(armature: bpy.types.Object) -> list[str]:
+    """Return the names of the bones of an armature whose constraints decide their rotation."""
+    return [bone.name for bone in armature.pose.bones if any("LIMIT" not in rule.type for rule in _rules(bone))]
+
+
+def follow_keys(armature: bpy.types.Object) -> None:
+    """Let arms, neck and head of a rig that Rigify has made follow the keys of their own bones."""
+    for name in ("torso", "upper_arm_parent.L", "upper_arm_parent.R"):
+        bone = armature.pose.bones.get(name, {})
+        for setting in _RIGIFY.keys() & set(bone.keys()):
+            bone[setting] = _RIGIFY[setting]
+    armature.update_tag()
+    bpy.context.view_layer.update()
+
+
+def _rules(bone: bpy.types.PoseBone) -> list[bpy.types.Constraint]:
+    """Return the constraints of a bone that are on."""
+    return [rule for rule in bone.constraints if not rule.mute and rule.influence > 0]
+
+
+def _above(bone: bpy.types.PoseBone) -> bpy.types.PoseBone | None:
+    """Return the bone that a bone rotates with: the one whose rotation it copies, or its parent."""
+    for rule in _rules(bone):
+        if rule.type in ("COPY_TRANSFORMS", "COPY_ROTATION") and rule.target is bone.id_data and rule.influence == 1:
+            return bone.id_data.pose.bones.get(rule.subtarget)
+    return bone.parent
+
+
+def _parents_first(bones: Iterable[bpy.types.PoseBone]) -> list[bpy.types.PoseBone]:
+    found: dict[str, bpy.types.PoseBone] = {}
+    for bone in bones:
+        chain: dict[str, bpy.types.PoseBone] = {}
+        above: bpy.types.PoseBone | None = bone
+        while above and above.name not in found and above.name not in chain:
+            chain[above.name] = above
+            above = _above(above)
+        found.update(reversed(chain.items()))
+    return list(found.values())
 
 
 def _along(motion: Motion, heads: np.ndarray, joint: int) -> np.ndarray:

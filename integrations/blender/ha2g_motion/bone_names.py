@@ -1,13 +1,14 @@
 """Assignment of the bones of an armature to the joints of a file by name.
 
-`bone_names.json` has for each rig of ha2g-jax, and for Rigify's human, the joint that each bone takes its rotation
-from, and the weight of the rotation. `build.py` writes it.
+`bone_names.json` has for each rig of ha2g-jax, and for those of other programs, the joint that each bone takes its
+rotation from, and the weight of the rotation. `build.py` writes it.
 """
 
+import collections
 import functools
 import json
 import pathlib
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Mapping
 
 from . import checks
 from .motion import Motion, MotionError
@@ -56,41 +57,77 @@ def _weight(value: float) -> float:
     return float(value)
 
 
-def match(motion: Motion, bones: Iterable[str], own: Names | None = None) -> Names:
+def match(
+    motion: Motion,
+    bones: Iterable[str],
+    own: Names | None = None,
+    *,
+    humanoid: Mapping[str, str] | None = None,
+    held: Collection[str] = (),
+) -> Names:
     """Assign bones to joints.
 
-    Names are compared without case, prefix (such as "mixamorig:") and separators. Without a table of the user, the
-    table that fits the most bones is taken, of those of the rigs and the joint names of the file. Joints that do not
-    move in the whole motion are left out.
+    Names are compared without case, separators, and what stands before and behind most names, such as "mixamorig:".
+    Without a table of the user, the table that fits the most bones is taken, of those of the rigs and the joint names
+    of the file. Joints that do not move in the whole motion are left out.
 
     Args:
         motion: motion with the joints.
         bones: names of the bones.
         own: table of the user, joint and weight by bone.
+        humanoid: name in the VRM standard by bone, where the character's file states it.
+        held: bones that do not obey their keys, because they have constraints.
 
     Returns:
         Joint and weight by bone.
 
     Raises:
-        MotionError: no table fits, or that of the user names an unknown joint or bone.
+        MotionError: no table fits, that of the user names an unknown joint or bone, or constraints hold a bone.
     """
     bones = list(bones)
-    joints = {joint: joint for joint in motion.joints}
-    moving = {joint for joint, moves in zip(motion.joints, motion.moves) if moves}
-    if own is not None:
-        unknown = sorted({joint for joint, _ in own.values()} - set(joints))
-        missing = sorted(set(own) - set(bones))
-        if unknown or missing:
-            what = f"the motion has no joint {unknown[0]}" if unknown else f"the armature has no bone {missing[0]}"
-            what = checks.shown(what)
-            raise MotionError(f"{what}; give other names, or export the motion with --rig ha2g")
-        return own
+    found = _own(motion, bones, own) if own is not None else _best(motion, bones, humanoid or {}, held)
+    if stuck := sorted(set(found) & set(held)):
+        what = checks.shown(f"constraints hold {len(stuck)} bones that the motion moves ({', '.join(stuck[:3])} ...)")
+        raise MotionError(f"{what}; turn the constraints off, or name other bones (--names)")
+    return found
+
+
+def roles(motion: Motion) -> dict[str, str]:
+    """Return for each joint of a motion the joint of the `ha2g` armature whose rotation it has, or its own name.
+
+    Args:
+        motion: motion with the joints.
+    """
+    rig: Names = {}
+    if "left_clavicle" not in motion.joints:  # as the rig ha2g has
+        rig = max((_rows(table, motion.joints) for table in tables().values()), key=len)
+    carried = {joint: carried for joint, (carried, weight) in rig.items() if weight == 1}
+    return {joint: carried.get(joint, joint) for joint in motion.joints}
+
+
+def _own(motion: Motion, bones: list[str], own: Names) -> Names:
+    """Return the table of the user, whose names must be there."""
+    unknown = sorted({joint for joint, _ in own.values()} - set(motion.joints))
+    missing = sorted(set(own) - set(bones))
+    if unknown or missing:
+        what = f"the motion has no joint {unknown[0]}" if unknown else f"the armature has no bone {missing[0]}"
+        raise MotionError(f"{checks.shown(what)}; give other names, or export the motion with --rig ha2g")
+    return own
+
+
+def _best(motion: Motion, bones: list[str], humanoid: Mapping[str, str], held: Collection[str]) -> Names:
+    """Return the rows of the table that fits the most bones that are not held."""
+    joints = {carried: joint for joint, carried in roles(motion).items()}
     joints |= {name: other for name, other in _OTHER_NAMES.items() if other in joints}
-    found: list[Names] = []
-    for table in ({joint: (joint, 1.0) for joint in motion.joints}, *tables().values()):
-        rows = {_plain(bone): (joints[joint], weight) for bone, (joint, weight) in table.items() if joint in joints}
-        found.append({bone: rows[_plain(bone)] for bone in bones if _plain(bone) in rows})
-    best = max(({bone: row for bone, row in names.items() if row[0] in moving} for names in found), key=len)
+    moving = {joint for joint, moves in zip(motion.joints, motion.moves) if moves}
+    known = {humanoid.get(bone, bone): bone for bone in bones}
+    found = []
+    for table in tables().values():
+        rows = _rows(table, known).items()
+        found.append({name: (joints[joint], weight) for name, (joint, weight) in rows if joint in joints})
+    found.append(_rows({joint: (joint, 1.0) for joint in motion.joints}, known))
+    found = [{known[name]: row for name, row in names.items() if row[0] in moving} for names in found]
+    best = max(found, key=lambda names: len(names.keys() - set(held)))
     if len(best) < _LEAST_MATCHES:
         raise MotionError(
             f"no table of names fits the armature's bones ({checks.shown(', '.join(bones[:4]))} ...); "
@@ -99,18 +136,20 @@ def match(motion: Motion, bones: Iterable[str], own: Names | None = None) -> Nam
     return best
 
 
-def role(motion: Motion, joint: str) -> str:
-    """Return the joint of the `ha2g` armature whose rotation a joint of the motion has, or its own name.
-
-    Args:
-        motion: motion with the joint.
-        joint: name of the joint.
-    """
-    if "left_clavicle" in motion.joints:  # the rig ha2g
-        return joint
-    rig = max(tables().values(), key=lambda table: len(table.keys() & set(motion.joints)))
-    carried, weight = rig.get(joint, (joint, 1.0))
-    return carried if weight == 1 else joint
+def _rows(table: Names, names: Iterable[str]) -> Names:
+    """Return the rows of a table by those names that it knows, with what stands before and behind most of them."""
+    rows = {_plain(bone): row for bone, row in table.items()}
+    plain = {name: _plain(name) for name in names}
+    parts = [name.partition(bone) for name in plain.values() for bone in rows]
+    affixes = collections.Counter((before, behind) for before, found, behind in parts if found)
+    before, behind = max(affixes, key=lambda affix: (affixes[affix], affix == ("", "")), default=("", ""))
+    known = {f"{before}{bone}{behind}": row for bone, row in rows.items()}
+    found = {name: known[bare] for name, bare in plain.items() if bare in known}
+    # A spine with fewer bones than that of the table ends with a smaller weight.
+    whole: dict[str, float] = {}
+    for joint, weight in found.values():
+        whole[joint] = max(weight, whole.get(joint, 0))
+    return {name: (joint, weight / whole[joint]) for name, (joint, weight) in found.items()}
 
 
 def _plain(name: str) -> str:

@@ -11,7 +11,7 @@ import re
 import numpy as np
 
 from . import rotations
-from .bone_names import Names, role
+from .bone_names import Names, roles
 from .motion import Motion, MotionError
 
 _NEAR = np.cos(np.radians(25))
@@ -97,14 +97,22 @@ def local(target: Target, wanted: dict[int, np.ndarray], frames: int) -> dict[st
 
 
 def _facing(motion: Motion, target: Target, names: Names) -> np.ndarray:
-    """Return the rotation (4,) from the axes of the motion to those of the armature, from its left and up at rest."""
-    bones = {role(motion, joint): target.bones.index(bone) for bone, (joint, weight) in names.items() if weight == 1}
+    """Return the rotation (4,) from the axes of the motion to those of the armature, from left and up at rest."""
+    carried = roles(motion)
+    own = {name: motion.joints.index(joint) for joint, name in carried.items()}
+    bones = {carried[joint]: target.bones.index(bone) for bone, (joint, weight) in names.items() if weight == 1}
     if not {"left_shoulder", "right_shoulder"} <= set(bones):
         raise MotionError("no bone has the joint left_shoulder or right_shoulder; name the upper arms (--names)")
-    left, right = (target.heads[bones[f"{side}_shoulder"]] for side in ("left", "right"))
-    trunk = [target.bones.index(bone) for bone, (joint, _) in names.items() if role(motion, joint) == "spine"]
+    trunk = [target.bones.index(bone) for bone, (joint, _) in names.items() if carried[joint] == "spine"]
     bottom = min(trunk, default=_ancestors(target, bones["left_shoulder"])[-1])
-    up = _snapped((left + right) / 2 - target.heads[bottom])
+    theirs, ours = _axes(target.heads, bones, bottom), _axes(motion.places, own, 0)
+    return rotations.from_matrix(theirs @ ours.T)
+
+
+def _axes(places: np.ndarray, joints: dict[str, int], bottom: int) -> np.ndarray:
+    """Return the directions of a figure at rest as a (3, 3) matrix with the columns left, up and forward."""
+    left, right = (places[joints[f"{side}_shoulder"]] for side in ("left", "right"))
+    up = _snapped((left + right) / 2 - places[bottom])
     across = left - right
     across = across - (across @ up) * up
     if np.linalg.norm(across) < 1e-9:
@@ -112,7 +120,7 @@ def _facing(motion: Motion, target: Target, names: Names) -> np.ndarray:
             "the armature's shoulders and spine lie on one line, so its front is unknown; name other bones"
         )
     across = _snapped(across) if np.abs(up).max() == 1 else rotations.unit(across)
-    return rotations.from_matrix(np.stack([across, up, np.cross(across, up)], axis=1))
+    return np.stack([across, up, np.cross(across, up)], axis=1)
 
 
 def _snapped(vector: np.ndarray) -> np.ndarray:
@@ -128,13 +136,14 @@ def _corrections(
     """Return the rotation C (B, 4) of each bone from its rest pose to that of the motion, in the motion's axes."""
     heads = rotations.rotate(to_motion, target.heads)
     places = motion.places
-    roles = {bone: role(motion, joint) for bone, (joint, weight) in names.items() if weight == 1}
-    bones = {name: target.bones.index(bone) for bone, name in roles.items()}
+    carried = roles(motion)
+    by_bone = {bone: carried[joint] for bone, (joint, weight) in names.items() if weight == 1}
+    bones = {name: target.bones.index(bone) for bone, name in by_bone.items()}
     found = np.tile(rotations.IDENTITY, (len(target.bones), 1))
-    hands = {side: _hand(side, heads, places, bones, roles, joints) for side in ("left", "right")}
+    hands = {side: _hand(side, heads, places, bones, by_bone, joints) for side in ("left", "right")}
     for index, (bone, parent) in enumerate(zip(target.bones, target.parents)):
         found[index] = found[parent] if parent >= 0 else rotations.IDENTITY
-        name = roles.get(bone, "")
+        name = by_bone.get(bone, "")
         side, _, part = name.partition("_")
         hand = hands.get(side)
         if part == "wrist" and hand is not None:
@@ -142,7 +151,7 @@ def _corrections(
         elif _ARM.fullmatch(name):
             if part == "elbow" and hand is not None:
                 found[index] = hand  # so that the forearm is twisted as the hand is
-            child = _next(target, index, roles, places, joints)
+            child = _next(target, index, by_bone, places, joints)
             if child is not None:
                 ours = places[joints[target.bones[child]]] - places[joints[bone]]
                 theirs = rotations.rotate(found[index], heads[child] - heads[index])

@@ -92,6 +92,25 @@ def read(path: pathlib.Path) -> Motion:
     return from_local(name, names, parents, offsets, rest, rotated, root, float(fps), _body(file, order))
 
 
+def humanoid(path: pathlib.Path) -> dict[str, str]:
+    """Read the names in the VRM standard of the nodes of a `.glb` or `.vrm`, by their own names.
+
+    Args:
+        path: file to read.
+
+    Returns:
+        The names of VRM 1.0 or 0.x; nothing for a file without them.
+
+    Raises:
+        ValueError and others: the file is no GLB.
+    """
+    tree = _File(checks.read_bytes(path, _MAX_BYTES)).tree
+    extensions = tree.get("extensions", {})
+    bones = extensions.get("VRMC_vrm", extensions.get("VRM", {})).get("humanoid", {}).get("humanBones", {})
+    rows = bones.items() if isinstance(bones, dict) else ((bone["bone"], bone) for bone in bones)
+    return {tree["nodes"][bone["node"]]["name"]: name for name, bone in rows}
+
+
 def _times(file: _File, clip: dict[str, Any]) -> np.ndarray:
     """Return the times (T,) in seconds that the samplers have together."""
     inputs = [file.array(index) for index in dict.fromkeys(sampler["input"] for sampler in clip["samplers"])]

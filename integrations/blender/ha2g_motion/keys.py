@@ -1,5 +1,7 @@
 """Key frames of an armature from a motion."""
 
+from collections.abc import Mapping
+
 import bpy
 import numpy as np
 
@@ -39,6 +41,7 @@ def apply_motion(
     armature: bpy.types.Object,
     *,
     names: bone_names.Names | None = None,
+    humanoid: Mapping[str, str] | None = None,
     start: float = 0,
     rate: float | None = None,
 ) -> bone_names.Names:
@@ -50,6 +53,7 @@ def apply_motion(
         motion: motion to apply.
         armature: armature object.
         names: joint and weight by bone; None to find them, see `bone_names.match`.
+        humanoid: name in the VRM standard by bone, where the character's file states it.
         start: frame of the first pose.
         rate: frames per second of the scene; None for those of the motion.
 
@@ -59,8 +63,10 @@ def apply_motion(
     Raises:
         MotionError: the names do not fit.
     """
+    armatures.follow_keys(armature)
     target = armatures.target_of(armature)
-    names = bone_names.match(motion, target.bones, names)
+    held = armatures.held_bones(armature)
+    names = bone_names.match(motion, target.bones, names, humanoid=humanoid, held=held)
     local = fitting.fit(motion, target, names)
     _write_rotations(armature, local, _Curves(armature, motion, start, rate))
     return names

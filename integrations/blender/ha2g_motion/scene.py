@@ -7,34 +7,44 @@ import pathlib
 from collections.abc import Iterator
 
 import bpy
+import bpy_extras
 import mathutils
 
+from . import checks, glb
 from .motion import Motion, MotionError
 
 OUTPUTS = (".blend", ".fbx", ".glb", ".mp4", ".png")
+CHARACTERS = (".blend", ".fbx", ".glb", ".gltf", ".vrm")
 
 
-def open_file(path: pathlib.Path) -> None:
-    """Open a `.blend`, or import a `.fbx`, `.glb` or `.gltf` into an empty scene.
+def open_file(path: pathlib.Path) -> dict[str, str]:
+    """Open a `.blend`, or import a `.fbx`, `.glb`, `.gltf` or `.vrm` into an empty scene.
 
     Args:
         path: file to open.
+
+    Returns:
+        The name in the VRM standard of each bone, of a `.glb` or `.vrm` that states it.
 
     Raises:
         MotionError: there is no such file, or Blender cannot read it.
     """
     if not path.is_file():
-        raise MotionError(f"no character at {path}; give a .blend, .fbx, .glb or .gltf file")
+        raise MotionError(f"no character at {path}; give a {', '.join(CHARACTERS)} file")
+    suffix = path.suffix.lower()
+    if suffix not in CHARACTERS:
+        raise MotionError(f"cannot open {checks.shown(path.name)}; expected one of {', '.join(CHARACTERS)}")
     try:
-        if path.suffix.lower() == ".blend":
+        if suffix == ".blend":
             bpy.ops.wm.open_mainfile(filepath=str(path))
-            return
+            return {}
         clear()
-        if path.suffix.lower() == ".fbx":
+        if suffix == ".fbx":
             bpy.ops.import_scene.fbx(filepath=str(path))
         else:
             bpy.ops.import_scene.gltf(filepath=str(path))
-    except RuntimeError as error:
+        return glb.humanoid(path) if suffix in (".glb", ".vrm") else {}
+    except (RuntimeError, ValueError, LookupError, TypeError, AttributeError) as error:
         raise MotionError(f"Blender cannot read {path} ({str(error).strip().splitlines()[-1]})") from error
 
 
@@ -43,20 +53,22 @@ def clear() -> None:
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
 
 
-def find_armature(name: str) -> bpy.types.Object:
-    """Return the armature of a name.
+def find_armature(name: str | None = None) -> bpy.types.Object:
+    """Return the armature of a name, or the only one.
 
     Args:
         name: name of the armature object.
 
     Raises:
-        MotionError: there is no such armature.
+        MotionError: there is no such armature, or there are several and no name.
     """
-    armatures = [thing.name for thing in bpy.data.objects if thing.type == "ARMATURE"]
-    if name not in armatures:
-        found = f"this file has {', '.join(armatures)}" if armatures else "this file has no armature"
-        raise MotionError(f"no armature {name}; {found}")
-    return bpy.data.objects[name]
+    armatures = [thing.name for thing in bpy.context.scene.objects if thing.type == "ARMATURE"]
+    if name in armatures or (name is None and len(armatures) == 1):
+        return bpy.data.objects[name or armatures[0]]
+    if not armatures:
+        raise MotionError("the character has no armature; give one with bones")
+    found = checks.shown(f"the character has the armatures {', '.join(armatures)}")
+    raise MotionError(f"{found}, and none is named {name}" if name else f"{found}; choose one with --rig")
 
 
 def rate(scene: bpy.types.Scene) -> float:
@@ -158,8 +170,9 @@ def write(
 
 
 def _export(path: pathlib.Path, armature: bpy.types.Object) -> None:
+    parts = _parts(bpy.context.scene, armature)
     for thing in bpy.context.scene.objects:
-        thing.select_set(thing is armature or armature in (thing.parent, thing.find_armature()))
+        thing.select_set(thing is armature or thing in parts)
     bpy.context.view_layer.objects.active = armature
     if path.suffix == ".glb":
         bpy.ops.export_scene.gltf(filepath=str(path), use_selection=True, export_animation_mode="ACTIVE_ACTIONS")
@@ -175,10 +188,19 @@ def _export(path: pathlib.Path, armature: bpy.types.Object) -> None:
     )
 
 
+def _parts(scene: bpy.types.Scene, armature: bpy.types.Object) -> list[bpy.types.Object]:
+    """Return the objects that an armature moves."""
+    return [thing for thing in scene.objects if armature in (thing.parent, thing.find_armature())]
+
+
 def _prepare_picture(
     scene: bpy.types.Scene, armature: bpy.types.Object, size: tuple[int, int], samples: int, engine: str
 ) -> None:
     """Set engine and size; add a camera in front of the figure, a lamp and a backdrop where they are missing."""
+    meshes = [thing for thing in _parts(scene, armature) if thing.type == "MESH" and not thing.hide_render]
+    if not meshes:
+        what = f"{checks.shown(armature.name)} has bones and no body, so that its image would be empty"
+        raise MotionError(f"{what}; export the motion as .glb, or give a character (--open)")
     render = scene.render
     try:
         render.engine = engine
@@ -198,6 +220,16 @@ def _prepare_picture(
         scene.collection.objects.link(sun)
     if scene.camera is None:
         scene.camera = _camera(scene, armature)
+    elif not _is_seen(scene, armature):
+        what = checks.shown(f"the camera {scene.camera.name} of the character's file does not show {armature.name}")
+        raise MotionError(f"{what}; turn it to the figure, or delete it for one that does")
+
+
+def _is_seen(scene: bpy.types.Scene, armature: bpy.types.Object) -> bool:
+    """Return whether the head of any bone is in the camera's view."""
+    places = [armature.matrix_world @ bone.head for bone in armature.pose.bones]
+    views = [bpy_extras.object_utils.world_to_camera_view(scene, scene.camera, place) for place in places]
+    return any(0 < x < 1 and 0 < y < 1 and depth > 0 for x, y, depth in views)
 
 
 def _camera(scene: bpy.types.Scene, armature: bpy.types.Object) -> bpy.types.Object:
