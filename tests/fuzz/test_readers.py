@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import soundfile
 from fixtures.motions import swaying
-from fixtures.transcripts import TEXTS, TREES, check_words
+from fixtures.transcripts import DIALECTS, TEXTS, TREES, WORDS, check_words
 from fixtures.web_inputs import wav_header
 from fuzz import recordings
 from fuzz.mutation import FUZZ, damaged_file
@@ -167,8 +167,9 @@ JOINT_MAPS = {
     "a.yaml": MAP.encode(),
     "a.json": json.dumps({"spine": ["Spine3", "Chest"], "neck": "Neck", "unit": 0.01, "up": "y"}).encode(),
 }
-TRANSCRIPTS = {name: text.encode() for name, text in TEXTS.items()} | {
-    name: json.dumps(tree).encode() for name, tree in TREES.items()
+TRANSCRIPTS = {
+    name: (content if isinstance(content, str) else json.dumps(content)).encode()
+    for name, content in (TEXTS | TREES | {name: write(WORDS) for name, write in DIALECTS.items()}).items()
 }
 TED_VALUE = pathlib.Path(__file__).parents[1] / "importers" / "ted" / "pyarrow_0_14_values.bin"
 READERS: dict[str, tuple[Callable[[pathlib.Path], object], Callable[[], dict[str, bytes]]]] = {
@@ -293,7 +294,7 @@ BOMBS: dict[str, tuple[str, str, Callable[[], bytes], str]] = {
     "a program": ("picture", "a.eps", lambda: b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n", "cannot identify"),
     "lines": ("transcript", "a.srt", lambda: CUE + b"a\n" * 4_000_000, "more than 1000000 lines"),
     "letters": ("transcript", "a.srt", lambda: CUE + b"a" * (4 << 20), "expected at most 3145728"),
-    "words": ("transcript", "a.tsv", lambda: b"start\tend\tword\n" + b"0\t1\ta\n" * 110_000, "more than 100000 words"),
+    "words": ("transcript", "a.tsv", lambda: b"".join(b"%d\t%d\ta\n" % (i, i) for i in range(110_000)), "100000 words"),
     "laughs": ("joint map", "a.yaml", laughs, "an alias"),
     "digits": ("joint map", "a.yaml", lambda: b"spine: 0x" + b"f" * 60_000, "more than 200 characters"),
     "a chain": ("BVH", "a.bvh", chain, "does not fit the joint map"),

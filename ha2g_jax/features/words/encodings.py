@@ -49,6 +49,8 @@ def read_text(path: pathlib.Path) -> str:
     if len(data) > MAX_TRANSCRIPT_BYTES:
         size = f"{MAX_TRANSCRIPT_BYTES >> 20} MiB"
         raise UserError(f"{shown(path)} is larger than {size}; expected the transcript of one recording")
+    if data.startswith(b"ooBinaryFile"):
+        raise UserError(f"{shown(path)} is a binary file of Praat; save it from Praat as text file")
     text = _decode(data, path).replace("\r\n", "\n").replace("\r", "\n").rstrip("\x1a\0")  # ends of files in DOS
     if text.count("\n") > MAX_TRANSCRIPT_LINES:
         raise UserError(f"{shown(path)} has more than {MAX_TRANSCRIPT_LINES} lines; expected a transcript")

@@ -11,7 +11,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.features.words.subtitles import without_brackets
 from ha2g_jax.features.words.textgrid import Tier
 from ha2g_jax.features.words.timing import Stretch, fill_gaps, num_letters, with_ends
 from ha2g_jax.files.reading import parse_json, reason, shown
@@ -19,12 +18,12 @@ from ha2g_jax.files.reading import parse_json, reason, shown
 # What a column or a key is for, by its name without the unit, the best name first.
 _ROLES = {
     "start": "start, start time, begin, begin time, onset, xmin, tmin, from, time start, time, timestamp, ts, "
-    "t start, t 0, in",
+    "t start, t offset, t 0, in",
     "end": "end, end time, stop, stop time, xmax, tmax, to, time end, end ts, finish, t 1, out",
     "offset": "offset",  # the end beside a start, the start beside a duration
     "duration": "duration, dur, length, d duration",
     "text": "word, text, punctuated word, token, label, transcript, transcription, content, value, utterance, "
-    "sentence, phrase, annotation, subtitle, caption",
+    "sentence, phrase, annotation, subtitle, caption, utf 8",
     "speaker": "speaker, speaker id, speaker name, speaker label, speaker tag, participant, voice",
     "tier": "tier, tier name, type",
 }
@@ -42,6 +41,9 @@ _NAME_PART = re.compile(r"[A-Z]?[a-zµ]+|[A-Z]+(?![a-z])|[0-9]+")
 # Vosk writes one object after the other.
 _BETWEEN_OBJECTS = re.compile(r"\}[ \t]*\n\s*\{")
 _MAX_ROW = 1 << 16
+# File, channel, start, duration and word of a line of NIST's CTM, and perhaps more.
+_CTM = re.compile(r"\S+ +\S+ +[0-9]+(?:\.[0-9]*)? +[0-9]+(?:\.[0-9]*)? +\S+(?: +\S+){0,3}")
+_CTM_COLUMNS = "tier\tspeaker\tstart\tduration\tword"
 # Speech has 5 to 25 letters a second; in milliseconds it seems to have a thousandth of that.
 _LEAST_LETTERS = 0.05
 
@@ -58,22 +60,26 @@ _DIALECTS: tuple[tuple[str, str, dict[str, str]], ...] = (
     ("transformers", "chunks", {"start": "timestamp.0", "end": "timestamp.1"}),
     ("Vosk", "result", {}),
     ("Vosk", "alternatives.0.result", {}),
-    ("Vosk", "monologues.terms", {}),
-    ("Rev", "monologues.elements", {}),
+    ("Rev", "monologues", {}),
     ("Deepgram", "results.channels.alternatives.0.words", {}),
     ("Deepgram", "results.utterances", {}),
     ("Gladia", "result.transcription.utterances", {}),
     ("AWS Transcribe", "results.items", {"text": "alternatives.0.content"}),
     ("Google", "results.alternatives.0.words", {"start": "startOffset", "end": "endOffset"}),
     ("Google", "response.results.alternatives.0.words", {}),
+    ("Watson", "results.alternatives.0.timestamps", {}),
     ("NeMo", "timestamp.word", {}),
-    ("Speechmatics", "results", {"text": "alternatives.0.content"}),
+    ("Speechmatics", "results", {"text": "alternatives.0.content", "speaker": "alternatives.0.speaker"}),
     ("Azure", "phrases", {}),
     ("Azure", "recognizedPhrases.nBest.0.words", {}),
+    ("Azure", "recognizedPhrases", {"text": "nBest.0.display"}),
     ("Azure", "NBest.0.Words", {"start ticks": "Offset", "duration ticks": "Duration"}),
-    ("YouTube", "events", {"text": "segs.utf8"}),
+    ("YouTube", "events", {}),
+    ("aeneas", "fragments", {"text": "lines"}),
     ("a list of words or segments", "", {}),
 )
+# Keys of the words in a segment.
+_PARTS = ("words", "elements", "terms", "tokens", "segs")
 PROGRAMS = ", ".join(dict.fromkeys(["Montreal Forced Aligner", *(programs for programs, _, _ in _DIALECTS)]))
 
 
@@ -104,6 +110,8 @@ def _time(value: object, unit: float | None) -> float | None:
     """Return a time in seconds: a number in its unit, or a text such as 1.5, 1,5, 1.5s or 0:01.5; None if empty."""
     if value is None or value == "":
         return None
+    if isinstance(value, dict) and value.keys() <= {"seconds", "nanos"}:  # of Google
+        return float(value.get("seconds") or 0) + 1e-9 * float(value.get("nanos") or 0)
     if isinstance(value, bool) or not isinstance(value, str | int | float):
         raise TypeError(f"the time {str(value)[:40]!r} is not a number")
     if not isinstance(value, str):
@@ -140,24 +148,23 @@ def _in_seconds(stretches: Sequence[Stretch]) -> list[Stretch]:
 
 def is_table(text: str) -> bool:
     """Return whether most lines have two times and a text, as Audacity's labels, or the first names such columns."""
-    lines = [line for line in text.split("\n") if line.strip() and not line.startswith("\\")]
-    separator = _separator(lines[0]) if lines else ""
+    lines, separator = _table_lines(text)
     if not separator or len(lines[0]) > _MAX_ROW:
         return False
     names = _columns(tuple(lines[0].split(separator)))
-    if {"start", "text"} <= names.keys() and ("end" in names or "duration" in names):
+    if "start" in names and ("end" in names or "duration" in names):
         return True
-    rows = (line.split(separator, 2) for line in lines)
-    return 2 * sum(len(row) == 3 and _is_number(row[0]) and _is_number(row[1]) for row in rows) > len(lines)
+    rows = [line.split(separator) for line in lines if line and not line.startswith("\\")]
+    return 2 * sum(_columns_by_values(row) is not None for row in rows) > len(rows)
 
 
 def parse_table(text: str, path: pathlib.Path) -> list[Tier]:
-    """Parse a table of words or lines of a file at `path`, separated by tabs, semicolons or commas.
+    """Parse a table of words or lines of a file at `path`, separated by tabs, semicolons or commas, or in NIST's CTM.
 
     The first line names the columns, in any order: start (or begin, time ...), end or duration, word (or text, label
-    ...), and perhaps speaker and tier. A unit may stand in the name, as in `start_ms` and `start (ms)`; without one,
-    times are seconds, or milliseconds if they are whole numbers at which speech would be far too slow. Without names
-    the columns are start, end, word.
+    ...), and perhaps speaker and tier; without a word, each column of another name is a tier of words. A unit may stand
+    in the name, as in `start_ms` and `start (ms)`; without one, times are seconds, or milliseconds if they are whole
+    numbers at which speech would be far too slow. Without names the word is the last column, after start and end.
 
     Raises:
         UserError: a column is missing, or a row is damaged.
@@ -167,24 +174,57 @@ def parse_table(text: str, path: pathlib.Path) -> list[Tier]:
     if header is None:
         raise UserError(f"{name} has no rows; expected start, end and word in each")
     columns = _columns(tuple(header))
-    if not {"start", "text"} <= columns.keys():
-        columns = {"start": (0, None), "end": (1, None), "text": (2, None)}
-        if len(header) != 3 or not _is_number(header[0]):
+    others = {place: name for place, name in enumerate(header) if place not in {place for place, _ in columns.values()}}
+    if "start" not in columns or not ("text" in columns or ("end" in columns and others)):
+        found = _columns_by_values(header)
+        if found is None:
             raise UserError(f"{name} has the columns {', '.join(header)[:80]}; expected start, end and word")
+        columns = found
         rows = itertools.chain([(number, header)], rows)
+    if "text" in columns:
+        others = {columns["text"][0]: ""}
     tiers: dict[str, list[Stretch]] = {}
     for number, row in rows:
         try:
-            tier = row[columns["tier"][0]] if "tier" in columns else ""
-            tiers.setdefault(tier, []).append(_stretch(row, columns))
+            for place, tier in others.items():
+                if tier and not row[place].strip():
+                    continue
+                tier = row[columns["tier"][0]] if "tier" in columns else tier
+                tiers.setdefault(tier, []).append(_stretch(row, {**columns, "text": (place, None)}))
         except IndexError as error:
-            problem = f"has {len(row)} columns instead of {1 + max(place for place, _ in columns.values())}"
+            problem = f"has {len(row)} columns instead of {1 + max(*others, *(place for place, _ in columns.values()))}"
             raise UserError(f"{name}, line {number}, {problem}; correct it") from error
         except ValueError as error:
             problem = f"has a time that is not a number ({reason(error)[:80]})"
             raise UserError(f"{name}, line {number}, {problem}; correct it") from error
     has_unit = any(unit is not None for _, unit in columns.values())
     return [Tier(tier, [*stretches] if has_unit else _in_seconds(stretches)) for tier, stretches in tiers.items()]
+
+
+def _columns_by_values(row: Sequence[str]) -> dict[str, tuple[int, float | None]] | None:
+    """Return the columns of a row of a table whose columns have no names, as of Audacity, ELAN and aeneas; None if it
+    has no two times before a text.
+
+    ELAN writes the tier, the participant, and start, end and length, each of them in one or more units.
+    """
+    first = next((place for place, field in enumerate(row[:3]) if _is_number(field)), len(row))
+    count = len([*itertools.takewhile(_is_number, row[first:-1])])
+    if count not in (2, 3, 4, 6, 9):
+        return None
+    end, text = first + (count // 3 if count % 3 == 0 else count // 2), first + count
+    columns: dict[str, tuple[int, float | None]] = {"start": (first, None), "end": (end, None), "text": (text, None)}
+    return columns | ({"tier": (0, None)} if first == 2 else {})
+
+
+def _table_lines(text: str) -> tuple[list[str], str]:
+    """Return the lines of a table and what separates its columns, empty if there is nothing."""
+    lines = text.lstrip("\n").split("\n")
+    if named := re.fullmatch(r"sep=(.)\r?", lines[0]):  # as Excel writes
+        return ["", *lines[1:]], named[1]
+    spoken = [line for line in lines if line.strip() and not line.startswith(";;")]
+    if len(spoken) < 2 * sum(bool(_CTM.fullmatch(line[:_MAX_ROW])) for line in spoken):
+        return [_CTM_COLUMNS, *("\t".join(line.split()[:5]) for line in spoken)], "\t"
+    return lines, _separator(lines[0])
 
 
 def _separator(line: str) -> str:
@@ -195,13 +235,12 @@ def _separator(line: str) -> str:
 
 def _rows(text: str, path: pathlib.Path) -> Iterator[tuple[int, list[str]]]:
     """Yield the line number and the fields of each row, without the frequencies of Audacity's labels."""
-    lines = text.lstrip("\n").split("\n")
+    lines, separator = _table_lines(text)
     if max(map(len, lines)) > _MAX_ROW:
         raise UserError(f"{shown(path)} has a line of more than {_MAX_ROW} characters; expected start, end and word")
-    separator = _separator(lines[0]) or ","
     # Tools that write tabs do not quote, and a transcript may have a single quotation mark.
     quoting = csv.QUOTE_NONE if separator == "\t" else csv.QUOTE_MINIMAL
-    reader = csv.reader(lines, delimiter=separator, quoting=quoting, strict=True)
+    reader = csv.reader(lines, delimiter=separator or ",", quoting=quoting, strict=True)
     try:
         for row in reader:
             if any(field.strip() for field in row) and row[0] != "\\":
@@ -283,14 +322,14 @@ def _read(
             continue
         for key, path in deeper.items():
             if found := _under(entry, path):
-                entry = {key: found[0] if len(found) == 1 else "".join(map(_text, found)), **entry}
+                entry = {key: found[0] if len(found) == 1 else "\n".join(map(_text, found)), **entry}
         columns = _columns(tuple(entry))
-        if "text" not in columns and "words" not in entry:
+        parts = next(((name, entry[name]) for name in _PARTS if isinstance(entry.get(name), list)), None)
+        if "text" not in columns and parts is None:
             continue
         has_unit |= any(unit is not None for _, unit in columns.values())
         one = _stretch(tuple(entry.values()), columns)
-        one = one._replace(text=_spoken(one.text))
-        if words := _read(entry.get("words") or [], {}, one.start, one.end):
+        if words := _read_parts(*parts, deeper, one) if parts else []:
             result += [word._replace(speaker=word.speaker or one.speaker) for word in words]
             continue
         if entry.get("case") == "not-found-in-audio":
@@ -300,9 +339,22 @@ def _read(
     return fill_gaps(result if has_unit else _in_seconds(result), start, end, slack=0.0 if is_gentle else math.inf)
 
 
-def _spoken(text: str) -> str:
-    """Return a text without the sounds that are not words, as Whisper and captions write them."""
-    return without_brackets(text.replace("\n", " "), "[(", " ").replace("♪", " ")
+def _read_parts(name: str, parts: list[Any], deeper: Mapping[str, str], whole: Stretch) -> list[Stretch]:
+    """Return the words of a segment, as `_read`."""
+    if name == "segs" and whole.start is not None:  # of YouTube, with times from the start of the segment
+        start = whole.start
+        words = _read(parts, deeper, 0.0, None if whole.end is None else whole.end - start)
+        return [one._replace(start=start + (one.start or 0.0), end=one.end and start + one.end) for one in words]
+    words = _read(parts, deeper, whole.start, whole.end)
+    if name != "tokens" or not any(one.text[:1].isspace() for one in words):
+        return words
+    joined: list[Stretch] = []  # tokens are parts of words, each of which begins with a blank
+    for one in words:
+        if joined and not one.text[:1].isspace() and not one.text.startswith("[_"):  # as [_BEG_] and [_TT_75]
+            joined[-1] = joined[-1]._replace(text=joined[-1].text + one.text, end=one.end)
+        elif not one.text.startswith("[_"):
+            joined.append(one)
+    return joined
 
 
 def _text(value: object) -> str:

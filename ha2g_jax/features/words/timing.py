@@ -1,7 +1,6 @@
 """Words of a text and their times: spelling, division of stretches by letters, gaps, overlaps, checks of times."""
 
 import itertools
-import math
 import pathlib
 import re
 import unicodedata
@@ -113,12 +112,11 @@ def _is_timed(stretch: Stretch) -> bool:
     return stretch.start is not None
 
 
-def to_words(stretches: Sequence[Stretch], path: pathlib.Path, duration: float = math.inf) -> tuple[Word, ...]:
+def to_words(stretches: Iterable[Stretch], path: pathlib.Path) -> tuple[Word, ...]:
     """Convert the stretches of a file at `path`, in any order, to words in order of time that do not overlap.
 
-    Missing ends are those of `with_ends` for a sound of `duration` seconds. A stretch is divided among its words by
-    letters. Times before 0 are cut off. A word ends at the latest where the next one starts. Words that start at the
-    same time, such as words of no length, divide the time up to the next one.
+    A stretch is divided among its words by letters. Times before 0 are cut off. A word ends at the latest where the
+    next one starts. Words that start at the same time, such as words of no length, divide the time up to the next one.
 
     Returns:
         Words with 0 <= start < end in seconds, each at least 1 ms long; stretches without times are left out.
@@ -128,7 +126,7 @@ def to_words(stretches: Sequence[Stretch], path: pathlib.Path, duration: float =
             words.
     """
     words: list[Word] = []
-    for text, start, end, _ in with_ends(stretches, duration):
+    for text, start, end, _ in stretches:
         if start is None or end is None:
             continue
         # Written so that NaN fails.

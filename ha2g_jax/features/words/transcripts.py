@@ -13,9 +13,10 @@ from ha2g_jax.features.audio import SAMPLE_RATE, sound_start
 from ha2g_jax.features.text import Word
 from ha2g_jax.features.words.encodings import read_text
 from ha2g_jax.features.words.entries import is_table, parse_json_words, parse_table
+from ha2g_jax.features.words.labels import spoken
 from ha2g_jax.features.words.subtitles import parse_subtitles
 from ha2g_jax.features.words.textgrid import Tier, choose, parse_textgrid
-from ha2g_jax.features.words.timing import inside, to_words
+from ha2g_jax.features.words.timing import Stretch, inside, to_words
 from ha2g_jax.files.reading import shown
 
 _LANGUAGE = re.compile(r"\.[a-z]{2,3}(?:-[a-zA-Z]{2,8})?")
@@ -27,6 +28,7 @@ _BY_SUFFIX: dict[str, _Parse] = {
     ".json": parse_json_words,
     ".tsv": parse_table,
     ".csv": parse_table,
+    ".ctm": parse_table,
     ".vtt": parse_subtitles,
     ".srt": parse_subtitles,
 }
@@ -34,23 +36,34 @@ _PREFERENCE = (*_BY_SUFFIX, ".txt")
 # How files begin, whatever their suffix.
 _BY_BEGINNING: dict[str, _Parse] = {
     r"WEBVTT\b": parse_subtitles,
-    r'(?:File type\s*=\s*)?"ooTextFile': parse_textgrid,
+    r'(?:File type\s*=\s*)?"ooTextFile|"Praat chronological TextGrid': parse_textgrid,
     r"(?:[0-9]+[ \t]*\n\s*)?(?:[0-9]+:)?[0-9]+:[0-9]+[,.][0-9]+[ \t]*-->": parse_subtitles,
     r'\{\s*"|\[\s*[\[{]\s*["0-9]': parse_json_words,
 }
+# How lines of other formats than these begin or end, such as [00:12.50] and Mary 0:03.
+_CLOCK = r"(?:[0-9]+:)?[0-9]+:[0-9]{2}(?:[.,][0-9]+)?"
+_CLOCK_LINE = re.compile(rf"(?m)^[\[(]?{_CLOCK}\b|\b{_CLOCK}[\])]?$")
+_MARKUP = re.compile(r"\s*(?:<[?!a-zA-Z]|\[Script Info\])")
 
 
 def words_of(
-    audio: np.ndarray, path: pathlib.Path | None, *, recognise: str | None, media: pathlib.Path | None = None
+    audio: np.ndarray,
+    path: pathlib.Path | None,
+    *,
+    recognise: str | None,
+    media: pathlib.Path | None = None,
+    speaker: str | None = None,
 ) -> tuple[Word, ...]:
     """Return the words within a recording (samples,) float32 at 16 kHz, in seconds from its start.
 
     They are read from a transcript that `read_words` reads, aligned from a .txt file without times, or, if `path` is
     None, recognised by the Whisper model of the name or folder `recognise`. Subtitles have the clock of the images of
-    `media`, the file of the recording, whose sound may start later.
+    `media`, the file of the recording, whose sound may start later. Of several speakers of a transcript the words are
+    those of `speaker`, who is recorded; without a name, of all.
 
     Raises:
-        UserError: there is neither a transcript nor a model, or one of them fails.
+        UserError: there is neither a transcript nor a model, one of them fails, or none of several speakers has the
+            name `speaker`.
     """
     duration = len(audio) / SAMPLE_RATE
     if path is None:
@@ -62,16 +75,17 @@ def words_of(
         from ha2g_jax.features.words import alignment
 
         return inside(alignment.recognise(audio, model=recognise), duration)
-    file, speaker = _speaker_of(path)
+    file, chosen = _speaker_of(path)
     text = read_text(file)
     if parse := _parser(text, file):
-        words = _words(parse(text, file), speaker, file, duration)
+        words = _words(parse(text, file), chosen, file, duration, speaker)
         if media is not None and parse is parse_subtitles and (start := sound_start(media)):
             words = tuple(Word(word.text, word.start - start, word.end - start) for word in words)
         return inside(words, duration)
     from ha2g_jax.features.words import alignment
 
-    return inside(alignment.align(audio, text), duration)
+    lines = [Stretch(line, number, number + 1) for number, line in enumerate(text.split("\n")) if line.strip()]
+    return inside(alignment.align(audio, " ".join(one.text for one in spoken(lines, duration))), duration)
 
 
 def find(media: pathlib.Path, *, is_alone: bool = True) -> pathlib.Path | None:
@@ -79,7 +93,7 @@ def find(media: pathlib.Path, *, is_alone: bool = True) -> pathlib.Path | None:
 
     The first match wins: a file with the recording's stem; with the stem and a language, as in `talk.en.vtt`; with the
     stem cut at its last dot, and so on; the only file called `words.*`, if no other recording is in the folder. The
-    order among files of one stem is .TextGrid, .json, .tsv, .csv, .vtt, .srt, .txt. Returns None if there is none.
+    order among files of one stem is .TextGrid, .json, .tsv, .csv, .ctm, .vtt, .srt, .txt. Returns None without any.
 
     Args:
         media: path of the audio, video or motion file of the recording, which need not exist.
@@ -123,7 +137,7 @@ def read_words(path: pathlib.Path) -> tuple[Word, ...]:
             f"{shown(file)} is a text without times; expected a transcript with times, or a text "
             "together with its audio"
         )
-    return _words(parse(text, file), speaker, file, math.inf)
+    return _words(parse(text, file), speaker, file)
 
 
 def _speaker_of(path: str | os.PathLike) -> tuple[pathlib.Path, str]:
@@ -140,6 +154,11 @@ def _parser(text: str, path: pathlib.Path) -> _Parse | None:
     beginning = (parse for start, parse in _BY_BEGINNING.items() if re.match(start, text.lstrip()))
     if parse := next(beginning, parse_table if is_table(text) else _BY_SUFFIX.get(suffix)):
         return parse
+    if suffix == ".txt" and (_MARKUP.match(text) or len(_CLOCK_LINE.findall(text)) > max(2, text.count("\n") // 4)):
+        raise UserError(
+            f"{shown(path)} has times or tags in a form that is not known; save it as SRT, VTT or TextGrid, or as the "
+            "words alone"
+        )
     if suffix != ".txt":
         raise UserError(
             f"{shown(path)} is not a transcript of a known format; expected one of .TextGrid .json .tsv .csv .vtt .srt"
@@ -147,8 +166,10 @@ def _parser(text: str, path: pathlib.Path) -> _Parse | None:
     return None
 
 
-def _words(tiers: list[Tier], speaker: str, path: pathlib.Path, duration: float) -> tuple[Word, ...]:
-    words = to_words(choose(tiers, speaker, path), path, duration)
+def _words(
+    tiers: list[Tier], speaker: str, path: pathlib.Path, duration: float = math.inf, recorded: str | None = None
+) -> tuple[Word, ...]:
+    words = to_words(choose(tiers, speaker, path, duration, recorded), path)
     if not words:
         raise UserError(f"{shown(path)} has no words with times; expected a transcript of the recording")
     return words

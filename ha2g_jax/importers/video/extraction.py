@@ -23,7 +23,7 @@ from ha2g_jax.skeleton import Skeleton, hand_joints, load_skeleton
 
 SKELETON = "ted_expressive"
 # Version of the results of `extract`; a new number makes a continued build read its videos again.
-VERSION = 1
+VERSION = 2
 
 _DEFAULT_RATE = 25
 _WIDTH = 256  # pixels, for speed; about the size to which PySceneDetect reduces images, for which its thresholds hold
@@ -90,7 +90,9 @@ def extract(
     video = recording.video
     audio = read_audio(video)
     times = images.image_times(video)
-    words = transcripts.words_of(audio, recording.transcript, recognise=settings.recognise, media=video)
+    words = transcripts.words_of(
+        audio, recording.transcript, recognise=settings.recognise, media=video, speaker=recording.speaker
+    )
     spans = find_shots(video, settings.shot_threshold)
     poses = pose.estimate(video, command=settings.pose_command)
     if len(poses.positions) != len(times):

@@ -134,7 +134,8 @@ def read_speech(recording: MotionRecording, *, with_words: bool) -> tuple[np.nda
     audio = read_audio(path)
     if transcript is None:
         return audio, None
-    return audio, transcripts.words_of(audio, transcript, recognise=None, media=path)
+    words = transcripts.words_of(audio, transcript, recognise=None, media=path, speaker=recording.speaker)
+    return audio, words
 
 
 def compare_lengths(recording: MotionRecording, motion: float, fps: float, audio: np.ndarray) -> str | None:

@@ -4,68 +4,22 @@ import json
 import logging
 import pathlib
 
+import numpy as np
 import pytest
-from fixtures.transcripts import short_form, text_grid
+from fixtures.transcripts import DIALECTS, cues, text_grid
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.features.words import read_words
-
-
-def clock(time: float, mark: str) -> str:
-    return f"{int(time) // 3600:02d}:{int(time) // 60 % 60:02d}:{time % 60:06.3f}".replace(".", mark)
-
-
-def cues(words, mark: str, label: str = "") -> str:
-    return "".join(f"{clock(a, mark)} --> {clock(b, mark)}\n{label}{text}\n\n" for text, a, b in words)
-
-
-def rows(words, names: str, row: str) -> str:
-    """Return a table of rows in the format `row`, of a text, its start and end in seconds and in milliseconds."""
-    return names + "".join(row.format(t=t, a=a, b=b, A=ms(a), B=ms(b), D=ms(b) - ms(a)) + "\n" for t, a, b in words)
-
-
-def ms(time: float) -> int:
-    return round(1000 * time)
-
-
-DIALECTS = {
-    "whispercpp.json": lambda w: {
-        "transcription": [{"offsets": {"from": ms(a), "to": ms(b)}, "text": f" {t}"} for t, a, b in w]},
-    "transformers.json": lambda w: {"chunks": [{"text": f" {t}", "timestamp": [a, b]} for t, a, b in w]},
-    "mfa.json": lambda w: {"tiers": {
-        "words": {"entries": [[a, b, t] for t, a, b in w]}, "phones": {"entries": [[0, 9, "AH"]]}}},
-    "vosk.json": lambda w: [{"text": ""}, *({"result": [{"word": t, "start": a, "end": b}]} for t, a, b in w)],
-    "deepgram.json": lambda w: {"results": {"channels": [{"alternatives": [
-        {"words": [{"word": t, "start": a, "end": b, "confidence": 1} for t, a, b in w]}]}]}},
-    "aws.json": lambda w: {"results": {"items": [
-        *({"start_time": f"{a}", "end_time": f"{b}", "alternatives": [{"content": t}]} for t, a, b in w),
-        {"type": "punctuation", "alternatives": [{"content": "."}]}]}},
-    "google.json": lambda w: {"results": [{"alternatives": [
-        {"words": [{"startTime": f"{a}s", "endTime": f"{b}s", "word": t} for t, a, b in w]}]}]},
-    "azure.json": lambda w: {"phrases": [
-        {"text": t, "offsetMilliseconds": ms(a), "durationMilliseconds": ms(b) - ms(a)} for t, a, b in w]},
-    "assemblyai.json": lambda w: {"words": [{"text": t, "start": ms(a), "end": ms(b)} for t, a, b in w]},
-    "list.json": lambda w: [{"text": t, "start": a, "duration": b - a} for t, a, b in w],
-    "audacity.txt": lambda w: rows(w, "", "{a:.6f}\t{b:.6f}\t{t}\n\\\t100.0\t2000.0"),
-    "whisper.txt": lambda w: rows(w, "start\tend\ttext\n", "{A}\t{B}\t{t}"),
-    "units.csv": lambda w: rows(w, "Speaker,Word,Duration (ms),start_s\n", "A,{t},{D},{a}"),
-    "commas.csv": lambda w: rows(w, "text;end;start\n", "{t};{b};{a}").replace(".", ","),
-    "mfa.csv": lambda w: rows(w, "Begin,End,Label,Type\n0,1,AH,phones\n", "{a},{b},{t},words"),
-    "labels.srt": lambda w: cues(w, ",", "Jordan Rivers: "),
-    "voices.txt": lambda w: "WEBVTT\n\n" + cues(w, ".", "<v Jordan Rivers>"),
-    "long.txt": lambda w: text_grid(('the ""best"" words', [(a, b, t) for t, a, b in w])),
-    "short.TextGrid": lambda w: short_form(text_grid(('words ""A""', [(a, b, t) for t, a, b in w]))),
-}  # fmt: skip
+from ha2g_jax.features.words import read_words, words_of
 
 
 @st.composite
 def transcripts(draw) -> list[tuple[str, float, float]]:
-    """Draw words of 0.3 to 2 s, at whole milliseconds, after pauses of up to 3 s."""
+    """Draw words of 0.3 to 2 s, at whole milliseconds, after pauses of 0.1 to 3 s."""
     time, words = 0, []
     for text in draw(st.lists(st.text("abcdefgh", min_size=1, max_size=9), min_size=1, max_size=6)):
-        start = time + draw(st.integers(0, 3_000))
+        start = time + draw(st.integers(100, 3_000))
         time = start + draw(st.integers(300, 2_000))
         words.append((text, start / 1000, time / 1000))
     return words
@@ -97,6 +51,16 @@ def test_open_times(tmp_path, entries, expected):
     path = tmp_path / "a.json"
     path.write_text(json.dumps([dict(zip(("start", "end", "text"), entry, strict=True)) for entry in entries]))
     assert [time for word in read_words(path) for time in word[1:]] == pytest.approx(expected)
+
+
+def test_words_within_a_line_of_youtube(tmp_path):
+    """Only their starts are known, from that of the line."""
+    line = {"tStartMs": 500, "dDurationMs": 3000, "segs": [{"utf8": "so"}, {"utf8": " good", "tOffsetMs": 700}]}
+    (tmp_path / "a.json").write_text(json.dumps({"events": [{"tStartMs": 0, "id": 1}, line]}))
+    assert [(word.text, word.start) for word in read_words(tmp_path / "a.json")] == [
+        ("so", 0.5),
+        ("good", pytest.approx(1.2)),
+    ]
 
 
 TEXTS = {
@@ -155,3 +119,31 @@ def test_the_choice_among_speakers_is_the_users(tmp_path, caplog, name):
     assert [word.text for word in read_words(pathlib.Path(f"{path}#bob"))] == ["yes"]
     with pytest.raises(UserError, match=r"no speaker 'Joe'; expected one of: 'Mary Ann.*'Bob"):
         read_words(pathlib.Path(f"{path}#Joe"))
+
+
+@pytest.mark.parametrize("name", SPEAKERS)
+def test_in_a_corpus_the_words_are_of_who_is_recorded(tmp_path, name):
+    """Nobody can choose for each of many files: another name is refused."""
+    (tmp_path / name).write_text(SPEAKERS[name])
+    silence = np.zeros(32_000, np.float32)
+    own = words_of(silence, tmp_path / name, recognise=None, speaker="Bob")
+    assert [word.text for word in own] == ["yes"]
+    with pytest.raises(UserError, match=r"Mary Ann.*'Bob.*the recording is of 'take 3'; leave the words of one"):
+        words_of(silence, tmp_path / name, recognise=None, speaker="take 3")
+
+
+UNKNOWN = {
+    "binary.TextGrid": (b"ooBinaryFile\x08TextGrid", "a binary file of Praat; save it from Praat as text file"),
+    "lyrics.txt": (b"[00:01.20]so\n[00:02.00]we\n[00:03.10]go\n", "in a form that is not known; save it as SRT"),
+    "otter.txt": (b"Ann  0:03\nso\n\nBob  0:10\nwe\n\nAnn  0:15\ngo\n", "in a form that is not known"),
+    "timed.txt": (b'<?xml version="1.0"?><tt><p begin="1s">so</p></tt>', "in a form that is not known"),
+    "clock.txt": (b"We met at 12:30.\nOr so.\n", "is a text without times"),
+}
+
+
+@pytest.mark.parametrize("name", UNKNOWN)
+def test_other_forms_are_named_and_never_read_as_speech(tmp_path, name):
+    content, message = UNKNOWN[name]
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(UserError, match=message):
+        read_words(tmp_path / name)

@@ -3,7 +3,8 @@
 import pytest
 
 from ha2g_jax.features import words as transcripts
-from ha2g_jax.features.words import subtitles
+from ha2g_jax.features.words import labels
+from ha2g_jax.features.words.timing import Stretch, split_words
 
 # YouTube puts lines of one blank, here ~, into its cues: they do not end them.
 YOUTUBE = """WEBVTT
@@ -89,27 +90,39 @@ def test_underlining_alone_is_style(tmp_path):
         ("Мария Иванова: привет", "привет"),
         ("(Mary Ann): yes\n>> so", "yes so"),
         ("I met my friend\nJordan: the best", "I met my friend\nJordan: the best"),
+        ("hello. >> MARY: yes", "hello yes"),
+        ("- Mary: hi\n- Bob: so", "hi so"),
+        ("[00:03] Mary O'Brien: hi", "hi"),
+        ("<v.loud Mary>hi", "hi"),
+        ("MARY:hi", "hi"),
+        ("田中：はい", "はい"),
+        ("At 12:30: go, http://a.b", "At 12:30: go, http://a.b"),
+        ("[tense music\nplaying] {\\k20}hel{\\k30}lo\\Nyou", "hello you"),
         ('<font color="red">A &amp; B</font> (laughs)', "A & B"),
     ],
 )
 def test_labels_and_sounds_are_not_spoken(raw, spoken):
-    assert subtitles.split_words(
-        subtitles._spoken(raw, subtitles._labels([subtitles._lines(raw)]))
-    ) == subtitles.split_words(spoken)
+    words = " ".join(stretch.text for stretch in labels.spoken([Stretch(raw, 0, 1)], 1))
+    assert words.split() == split_words(spoken)
 
 
 @pytest.mark.parametrize(
-    ("cues", "labels"),
+    ("cues", "names"),
     [
         (["so we go", "Paris: the city", "more", "yet more"], set()),
         (["Mary: hello", "more", "yet more", "and", "Mary: again"], {"Mary"}),
         (["Mary: hello", "Mary: so", "José: hola"], {"Mary", "José"}),
         (["At 10: we go", "Step 1: do it", "Speaker 2: hm", "spk_0: hm"], {"Speaker 2", "spk_0"}),
+        (["mary: hi", "bob: so", "mary: yes", "bob: no"], {"mary", "bob"}),
+        (["Mary: hi", "Bob: so"], {"Mary", "Bob"}),
+        (["so", "we", "go", "on", "on", "Star Wars: A New Hope"], set()),
+        (["so", "P1: go", "on", "on", "on", "JOHN: go"], {"P1", "JOHN"}),
+        (["Remember:", "Paris:", "so", "Paris:", "on"], set()),
         (["REMEMBER: IT IS", "THE WEATHER: RAIN", "AND SO ON", "ON", "ON"], set()),
     ],
 )
-def test_labels_of_a_file(cues, labels):
-    assert subtitles._labels([[cue] for cue in cues]) == labels
+def test_labels_of_a_file(cues, names):
+    assert labels.find_labels([[cue] for cue in cues]) == names
 
 
 def test_quadratic_time_is_out_of_reach(tmp_path):
@@ -133,6 +146,6 @@ def test_unreadable_cues_are_reported(tmp_path, caplog):
 
 
 def test_brackets_are_found_as_the_first_that_closes():
-    assert subtitles.without_brackets("a (b [c) d] e", "[(", "-") == "a - d] e"
-    assert subtitles.without_brackets("(" + "x" * 200 + ")y(" + "x" * 201 + ")", "(", "") == "y(" + "x" * 201 + ")"
-    assert subtitles.without_brackets("<a\n> <b>", "<", "") == "<a\n> "
+    assert labels.without_brackets("a (b [c) d] e", "[(", "-") == "a - d] e"
+    assert labels.without_brackets("(" + "x" * 200 + ")y(" + "x" * 201 + ")", "(", "") == "y(" + "x" * 201 + ")"
+    assert labels.without_brackets("<a\n> <b>", "<", "") == "<a\n> "

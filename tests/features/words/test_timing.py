@@ -54,7 +54,7 @@ def test_too_many_words_for_the_time():
 
 
 def test_times_before_zero_are_cut():
-    words = timing.to_words([Stretch("a", -2.0, -1.0), Stretch("b", -0.5, 0.5), Stretch("c", None, None)], PATH)
+    words = timing.to_words([Stretch("a", -2.0, -1.0), Stretch("b", -0.5, 0.5)], PATH)
     assert rounded(words) == [("b", 0.0, 0.5)]
 
 
