@@ -59,6 +59,7 @@ _LEAST_GAP = 0.015  # seconds between two frames, above which they are a gap and
 _CANCELLED = 0.1  # ratio of powers below which the mean of channels is not that of independent sounds
 _INAUDIBLE = 2e-4  # range of the samples of silence: a few steps of 16 bits
 _UNKNOWN = 1 << 62  # libsndfile's number of samples where a header does not state it
+_RF64_SIZES, _RF64_BYTES = 20, 36  # where the sizes of a RF64 and of its sound begin and end
 _SAMPLE_DUMP = b"\xf0\x7e"
 _MPEG = b"\xff"  # first byte of MP3 without a tag; its decoder prints
 _PADDING = SAMPLE_RATE // 10  # samples by which the ends are continued before sound is filtered
@@ -340,5 +341,10 @@ def open_media(path: pathlib.Path) -> InputContainer:
     Raises:
         One of `MEDIA_ERRORS`: the file cannot be read, or is no recording.
     """
+    with path.open("rb") as file:
+        head = file.read(_RF64_BYTES)
+    # A recorder that crashed leaves a RF64 whose sizes are 0, and all of the file is sound.
+    is_unfinished = head.startswith((b"RF64", b"BW64")) and not any(head[_RF64_SIZES:])
+    options = _OPTIONS | ({"ignore_length": "1"} if is_unfinished else {})
     # Without "file:" the part of a name before a colon would be taken for a protocol.
-    return av.open(f"file:{path}", options=_OPTIONS, **_TAGS)
+    return av.open(f"file:{path}", options=options, **_TAGS)

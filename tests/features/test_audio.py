@@ -152,13 +152,25 @@ def test_the_track_is_the_one_that_players_take(tmp_path):
     np.testing.assert_allclose(audio.read_audio(tmp_path / "a.mkv"), tone(1), atol=1e-4)
 
 
-@pytest.mark.parametrize("size", [0, 0xFFFFFFFF])
-def test_a_header_that_was_never_finished_is_read_to_the_end_of_the_file(tmp_path, size):
-    soundfile.write(tmp_path / "a.wav", tone(1), 16000)
-    content = bytearray((tmp_path / "a.wav").read_bytes())
-    content[4:8] = content[40:44] = size.to_bytes(4, "little")
-    (tmp_path / "a.wav").write_bytes(content)
-    np.testing.assert_allclose(audio.read_audio(tmp_path / "a.wav"), tone(1), atol=1e-4)
+@pytest.mark.parametrize(
+    ("suffix", "endian", "sizes", "size"),
+    [
+        ("wav", "LITTLE", [(4, 8), (40, 44)], b"\0"),
+        ("wav", "LITTLE", [(4, 8), (40, 44)], b"\xff"),
+        ("rf64", "LITTLE", [(20, 36)], b"\0"),
+        ("w64", "LITTLE", [(16, 24), (96, 104)], b"\0"),
+        ("au", "BIG", [(8, 12)], b"\xff"),
+        ("au", "LITTLE", [(8, 12)], b"\xff"),
+    ],
+)
+def test_a_header_that_was_never_finished_is_read_to_the_end_of_the_file(tmp_path, suffix, endian, sizes, size):
+    path = tmp_path / f"a.{suffix}"
+    soundfile.write(path, tone(1), 16000, "PCM_16", endian, suffix.upper())
+    content = bytearray(path.read_bytes())
+    for start, end in sizes:
+        content[start:end] = size * (end - start)
+    path.write_bytes(content)
+    np.testing.assert_allclose(audio.read_audio(path), tone(1), atol=1e-4)
 
 
 @pytest.mark.parametrize("leak", [0, 0.05])

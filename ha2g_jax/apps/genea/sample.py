@@ -20,9 +20,9 @@ from ha2g_jax.motion.lower_body import JOINTS as LOWER_JOINTS
 from ha2g_jax.motion.lower_body import SOLE
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.readers import Reading, check_reading, read_content, read_motion, smplx, smplx_arrays
+from ha2g_jax.motion.readers.recordings import other_rate
 from ha2g_jax.motion.readers.smplx_arrays import NUM_SMPLH
 from ha2g_jax.motion.readers.smplx_body import JOINTS, Body, template
-from ha2g_jax.motion.resample import num_frames
 from ha2g_jax.motion.rigs import retarget
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.synthesis.generator import Audio, Generator
@@ -107,10 +107,10 @@ def from_file(
         betas = _own_betas(content.arrays, arrays) if betas is None else betas
         body = None  # `trans` is one of SMPL-X already
         if up == "y":
-            _check_length(path, len(arrays.frames), arrays.fps, count)
+            _check_length(path, len(arrays.frames) / arrays.fps, arrays.fps, count)
             return _sample(smplx.at_rate(arrays._replace(betas=betas), FPS, count))
     motion = read_motion(path, **reading)
-    _check_length(path, motion.num_frames, motion.fps, count)
+    _check_length(path, motion.num_frames / motion.fps, motion.meta.get("read_from", {}).get("fps"), count)
     return from_motion(motion, count, betas=betas, body=body)
 
 
@@ -120,12 +120,12 @@ def _own_betas(given: Mapping[str, np.ndarray], arrays: smplx_arrays.SmplxArrays
     return np.zeros(0) if is_smplh else arrays.betas
 
 
-def _check_length(path: pathlib.Path, frames: int, fps: float, count: int) -> None:
-    expected = num_frames(frames / fps, FPS)
-    if abs(expected - count) > _MAX_DIFFERENCE * FPS:
+def _check_length(path: pathlib.Path, seconds: float, fps: float | None, count: int) -> None:
+    speech = count / FPS
+    if abs(seconds - speech) > _MAX_DIFFERENCE:
         raise UserError(
-            f"{shown(path)} lasts {frames / fps:.2f} s, and the speech {count / FPS:.2f} s; expected a difference of "
-            f"at most {_MAX_DIFFERENCE:g} s: give the motion of this speech"
+            f"{shown(path)} lasts {seconds:.2f} s, and the speech {speech:.2f} s; expected a difference of at most "
+            f"{_MAX_DIFFERENCE:g} s: give the motion of this speech{other_rate(seconds, fps, speech)}"
         )
 
 

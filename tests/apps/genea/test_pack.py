@@ -256,6 +256,8 @@ def test_a_sample_has_exactly_the_frames_of_its_speech(files, person):
     for count in (29, 91):
         with pytest.raises(UserError, match=r"beat2\.npz lasts 2\.00 s, and the speech"):
             sample.from_file(files["BEAT2"], count)
+    with pytest.raises(UserError, match=r"as 0.5 to 1, so that 15 frames .* \(--source-fps 15\)"):
+        sample.from_file(files["BEAT2"], 120)
 
 
 def test_another_rate_becomes_30_on_the_sphere(files, person, tmp_path):
