@@ -87,6 +87,7 @@ DEBUG = (
     (r"^model average .*", "model average runs/talk runs/talk -o average"),
     (r"^generate .*", r"\g<0> --size 64"),  # a picture of 1080 lines takes a second to draw
     (r"^study make .*", r"\g<0> --size 64"),
+    (r"\.fbx\b", ".glb"),  # of which Blender writes the other
     (r"^export .*\.mp4.*", r"\g<0> --size 64x64"),
     (r"^live (?!.*--checkpoint)(.*?)(?: --fast)?$", r"live \1 --checkpoint runs/talk --fast"),
 )

@@ -23,7 +23,7 @@ from ha2g_jax.synthesis.generator import Audio, Generator, Options, read_speech
 
 BACKENDS = ("jax", "onnx")
 VIDEO, PAGE = ".mp4", ".html"
-SUFFIXES = (*formats.SUFFIXES, VIDEO, PAGE)
+SUFFIXES = (*formats.SUFFIXES, formats.FBX, VIDEO, PAGE)
 _APPENDED = "_gestures"
 _DEFAULT_SUFFIXES = (".npz", VIDEO)
 _EXPECTED = "a recording of speech"
@@ -247,10 +247,9 @@ def generate_files(
     tasks = plan(speech, out, suffix, _others(words, options))
     if words is not None and len(tasks) > 1:
         raise UserError(f"{shown(words)} is one transcript, and there are {len(tasks)} files; leave out --words")
-    if rig is not None:
-        for task in tasks:
-            for path in task.paths:
-                formats.choose_rig(path, rig)
+    for path in (path for task in tasks for path in task.paths):
+        if rig is not None or path.suffix.lower() == formats.FBX:
+            formats.choose_rig(path, rig or rigs.OWN)
     if any(path.suffix.lower() == VIDEO for task in tasks for path in task.paths):
         from ha2g_jax.motion.formats.video import check_size
 

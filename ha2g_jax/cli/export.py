@@ -28,7 +28,7 @@ _OPTIONS = {
     ".png": ("words", "names", "size", "count"),
     ".svg": ("words", "names", "size", "count"),
     **dict.fromkeys((".glb", ".vrma"), ("rig", "audio")),
-    **dict.fromkeys((".bvh", ".json", ".csv", ".npz"), ("rig",)),
+    **dict.fromkeys((".bvh", ".json", ".csv", ".npz", ".fbx"), ("rig",)),
 }
 
 
@@ -37,8 +37,9 @@ def add_commands(commands: Any) -> None:
     export = commands.add_parser("export", help="write motion for Blender, Unity, Unreal or a robot, as video or page")
     export.description = (
         "Write motion in the format that the suffix of the file names: .bvh, .glb, .vrma, .json, .csv or .npz for "
-        "other programs; .mp4, a video; .html, a page that shows the motion in a browser and works offline; .png or "
-        ".svg, a figure of key frames, as in a paper. Video, page and figure take several motions, side by side."
+        "other programs; .fbx, for which Blender or bpy must be installed; .mp4, a video; .html, a page that shows the "
+        "motion in a browser and works offline; .png or .svg, a figure of key frames, as in a paper. Video, page and "
+        "figure take several motions, side by side."
     )
     export.add_argument(
         "motions", type=pathlib.Path, nargs="+", metavar="MOTION", help="motion of ha2g or of other programs"

@@ -7,12 +7,14 @@ import numpy as np
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion import rigs, solver
+from ha2g_jax.motion.formats.fbx import find_blender
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.rigs import retarget
 
-__all__ = ["SUFFIXES", "choose_rig", "export"]
+__all__ = ["FBX", "SUFFIXES", "choose_rig", "export"]
 
 SUFFIXES = (".bvh", ".glb", ".vrma", ".json", ".csv", ".npz")
+FBX = ".fbx"  # written by Blender
 
 # Formats that do not take every rig. The first rig of a list takes the place of the default.
 _RIGS = {".vrma": ("vrm",), ".npz": (rigs.OWN, "smplx")}
@@ -23,20 +25,20 @@ def export(
 ) -> None:
     """Write a motion to a file in the format that the suffix of the path names.
 
-    `.bvh`, `.glb`, `.json` and `.csv` take any rig. `.vrma` always has the rig vrm. `.npz` is the file of
-    `Motion.save`, or with the rig smplx a file of SMPL-X poses. Pelvis, legs and place of the person are written where
-    the motion has them, and its face to `.npz` only; the floor is at y = 0 but in SMPL-X. The same motion gives the
-    same bytes. The file is written completely or not at all.
+    `.bvh`, `.glb`, `.json`, `.csv` and `.fbx`, which needs Blender, take any rig. `.vrma` always has the rig vrm.
+    `.npz` is the file of `Motion.save`, or with the rig smplx a file of SMPL-X poses. Pelvis, legs and place of the
+    person are written where the motion has them, and its face to `.npz` only; the floor is at y = 0 but in SMPL-X. The
+    same motion gives the same bytes, but for `.fbx`. The file is written completely or not at all.
 
     Args:
-        path: file whose suffix is one of `SUFFIXES`.
+        path: file whose suffix is one of `SUFFIXES`, or `FBX`.
         rig: name of the rig whose joints the file has, one of `rigs.RIGS`.
         audio_seconds: length of the speech in seconds, stored in `.glb` and `.vrma`; by default the length that is
             stored in `motion.meta`, or else that of the motion.
 
     Raises:
         UserError: the suffix or the rig is unknown, the format does not take the rig, the motion is not valid (see
-            `Motion.check`), or the file cannot be written.
+            `Motion.check`), there is no Blender for `FBX`, or the file cannot be written.
     """
     path = pathlib.Path(path)
     suffix = path.suffix.lower()
@@ -54,12 +56,14 @@ def export(
     if not isinstance(seconds, int | float):  # the facts of a file may be any JSON
         seconds = motion.num_frames / motion.fps
     facts = {"duration": seconds, "audio_name": speech if isinstance(speech, str) else None}
-    from ha2g_jax.motion.formats import bvh, gltf, tables  # glTF's library takes a sixth of a second
+    from ha2g_jax.motion.formats import bvh, fbx, gltf, tables  # glTF's library takes a sixth of a second
 
     if suffix == ".bvh":
         bvh.write(path, animation)
     elif suffix == ".glb":
         gltf.write_glb(path, animation, **facts)
+    elif suffix == FBX:
+        fbx.write(path, animation, **facts)
     elif suffix == ".vrma":
         gltf.write_vrma(path, animation, **facts)
     elif suffix == ".json":
@@ -74,12 +78,15 @@ def choose_rig(path: pathlib.Path, rig: str) -> rigs.Rig:
     """Return the rig of a file: the one of that name, or for `.vrma` vrm in place of the default.
 
     Raises:
-        UserError: the suffix of the path or the rig is unknown, or the format does not take the rig.
+        UserError: the suffix of the path or the rig is unknown, the format does not take the rig, or there is no
+            Blender for `FBX`.
     """
     suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
+    if suffix not in (*SUFFIXES, FBX):
         found = suffix or "no suffix"
-        raise UserError(f"cannot write {path.name}: {found}; expected one of {', '.join(SUFFIXES)}")
+        raise UserError(f"cannot write {path.name}: {found}; expected one of {', '.join((*SUFFIXES, FBX))}")
+    if suffix == FBX:
+        find_blender()
     allowed = _RIGS.get(suffix, rigs.RIGS)
     target = rigs.load_rig(allowed[0] if rig == rigs.OWN and rig not in allowed else rig)
     if target.name not in allowed:

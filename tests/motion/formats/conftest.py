@@ -45,7 +45,7 @@ def animate() -> Callable[..., Animation]:
 
 @pytest.fixture(scope="session")
 def blender() -> Callable[..., dict[str, np.ndarray]]:
-    """Reads joints' positions (frames, 3), metres, y up, of a `.bvh` or `.glb` in Blender, in a process of its own."""
+    """Reads joints' positions (frames, 3), metres, y up, of a file in Blender, in a process of its own."""
     python = blender_python()
     script = pathlib.Path(__file__).parent / "blender_positions.py"
 

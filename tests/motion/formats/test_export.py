@@ -53,7 +53,7 @@ def test_the_length_of_the_speech_is_noted(tmp_path):
 @pytest.mark.parametrize(
     ("name", "rig", "message"),
     [
-        ("m.fbx", "ha2g", r"\.fbx; expected one of \.bvh"),
+        ("m.obj", "ha2g", r"\.obj; expected one of \.bvh"),
         ("m.bvh", "poser", "no rig poser"),
         ("m.vrma", "mixamo", "takes the rig vrm, not mixamo"),
     ],
