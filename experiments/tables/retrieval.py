@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from tqdm import tqdm
 
 from ha2g_jax.data import records
 from ha2g_jax.data.corpus import TRAIN, Clips, Corpus
@@ -15,6 +14,7 @@ from ha2g_jax.evaluation.clip_result import ClipResult
 from ha2g_jax.features.spectrum import log_mel, mel_window
 from ha2g_jax.metrics.row import SEED_FRAMES
 from ha2g_jax.motion.windows import join_windows, num_windows
+from ha2g_jax.progress import track
 from ha2g_jax.skeleton import positions_to_directions
 
 NAME = "retrieval"  # of its row in tables
@@ -43,7 +43,7 @@ def make_library(corpus: Corpus) -> Library:
     length, stride = _window(corpus)
     sounds, owners, starts = [], [], []
     order = np.random.default_rng(0).permutation(len(clips)).tolist()
-    for index in tqdm(order, "sound of training", unit="clip", disable=None, leave=False):
+    for index in track(order, "reading the sound of training", "clip"):
         mel, frames = _mel(clips, index)
         for start in range(0, frames - length + 1, stride):
             sounds.append(_sound(mel, start, length, corpus.fps))
@@ -63,7 +63,7 @@ def nearest_windows(library: Library, corpus: Corpus, split: str) -> dict[str, l
     clips = corpus.clips(split)
     length, _ = _window(corpus)
     found = {}
-    for index in tqdm(range(len(clips)), NAME, unit="clip", disable=None, leave=False):
+    for index in track(range(len(clips)), "finding the nearest sound", "clip"):
         mel, frames = _mel(clips, index)
         starts = (length - SEED_FRAMES) * np.arange(num_windows(frames, length, SEED_FRAMES))
         sounds = np.array([_sound(mel, start, length, corpus.fps) for start in starts.tolist()])

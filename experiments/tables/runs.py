@@ -20,6 +20,7 @@ import tqdm
 
 from ha2g_jax.config.presets import SIZES
 from ha2g_jax.errors import UserError
+from ha2g_jax.progress import progress_bar
 from ha2g_jax.stopping import on_stop_signals
 from tables import look_aheads
 from tables.plan import WORKDIR, Request, TablePlan, plan_table
@@ -250,7 +251,7 @@ class _Watch:
         self._start = time.monotonic()
         self._count = 0
         total = sum(self._steps.values())
-        self._bar = tqdm.tqdm(total=total, initial=self._before, desc=title, unit="step", disable=None, leave=False)
+        self._bar = progress_bar(title, total, "step", initial=self._before, line_seconds=60)
 
     def look(self, working: Sequence[Run]) -> None:
         for run in working:

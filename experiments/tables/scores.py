@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from ha2g_jax import metrics, synthesis
 from ha2g_jax.data.corpus import TRAIN, Corpus
@@ -42,6 +41,7 @@ from ha2g_jax.metrics.beats.alignment import align, partners, with_partners
 from ha2g_jax.metrics.causes import CauseRow
 from ha2g_jax.metrics.row import SEED_FRAMES, Row
 from ha2g_jax.metrics.uncertainty import Estimate
+from ha2g_jax.progress import track
 from ha2g_jax.skeleton import positions_to_directions
 from ha2g_jax.synthesis import Model
 from tables import look_aheads, retrieval
@@ -262,7 +262,7 @@ def _generate(model: Model, clips: Sequence[Clip], look_ahead: int | None) -> li
     name = f"look-ahead {look_aheads.title(look_ahead)}"
     return [
         generate_clip(model, clip, clip_identity(model, clip), _SEED + index, look_ahead=look_ahead)
-        for index, clip in enumerate(tqdm(clips, name, unit="clip", disable=None, leave=False))
+        for index, clip in enumerate(track(clips, name, "clip"))
     ]
 
 

@@ -12,7 +12,6 @@ from typing import Any, NamedTuple, cast
 
 import msgpack
 import numpy as np
-from tqdm import tqdm
 
 from ha2g_jax.data import recording, records
 from ha2g_jax.data.corpus import Clips, Corpus
@@ -21,6 +20,7 @@ from ha2g_jax.data.recording import Report, SplitReport
 from ha2g_jax.data.records import STORED_NAMES
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import resolved
+from ha2g_jax.progress import progress_bar, track
 
 # Entries that `CorpusWriter` adds to the description of a corpus.
 _WRITTEN = ("schema_version", "skeleton", "fps", "speakers", "splits", "statistics", "words")
@@ -54,13 +54,13 @@ def merge(paths: Sequence[str | os.PathLike], dst: str | os.PathLike, *, same_sp
     skeleton, fps = corpora[0].skeleton.name, corpora[0].fps
     with (
         CorpusWriter(dst, splits=splits, skeleton=skeleton, fps=fps, metadata=_metadata(corpora, dst)) as writer,
-        tqdm(desc="Merging", total=sum(map(_count, corpora)), unit="clip", leave=False, disable=None) as progress,
+        progress_bar("merging", sum(map(_count, corpora)), "clip") as bar,
     ):
         for split in splits:
             for corpus, new_names in zip(corpora, names, strict=True):
                 for clips, index in _records(corpus, split):
                     writer.add(split, _renamed(clips, index, new_names))
-                    progress.update()
+                    bar.update()
 
 
 def description(corpus: Corpus) -> dict[str, Any]:
@@ -91,7 +91,7 @@ def _names(corpora: list[Corpus], kinds: Iterable[str]) -> list[dict[str, dict[s
     """Return the new names of clips, recordings and speakers that several corpora have, for each corpus: kind -> old
     name -> new name."""
     used = []
-    for corpus in tqdm(corpora, desc="Reading names", unit="corpus", leave=False, disable=None):
+    for corpus in track(corpora, "reading names", "corpus"):
         names: dict[str, dict[str, None]] = {kind: {} for kind in kinds}
         for split in corpus.splits:
             for clips, index in _records(corpus, split):
@@ -241,19 +241,19 @@ def divide(
         CorpusWriter(
             dst, splits=tuple(fractions), skeleton=corpus.skeleton.name, fps=corpus.fps, metadata=metadata
         ) as writer,
-        tqdm(desc="Dividing", total=len(members), unit="clip", leave=False, disable=None) as progress,
+        progress_bar("dividing", len(members), "clip") as bar,
     ):
         for split in fractions:
             for member in members:
                 if split_of[member.unit] == split:
                     writer.add(split, clips[member.split].record(member.number))
-                    progress.update()
+                    bar.update()
 
 
 def _members(corpus: Corpus, by: str) -> list[_Member]:
     members: list[_Member] = []
     speakers: dict[str, str] = {}
-    with tqdm(desc="Reading", total=_count(corpus), unit="clip", leave=False, disable=None) as progress:
+    with progress_bar("reading the corpus", _count(corpus), "clip") as bar:
         for split in corpus.splits:
             clips = corpus.clips(split)
             for index in range(len(clips)):
@@ -267,7 +267,7 @@ def _members(corpus: Corpus, by: str) -> list[_Member]:
                 # A clip without a known recording is a unit of its own.
                 unit = speaker if by == "speaker" else recording or f"clip {fields['id']}"
                 members.append(_Member(split, index, unit, len(fields["positions"]) / corpus.fps))
-                progress.update()
+                bar.update()
     return members
 
 

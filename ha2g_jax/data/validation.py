@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
-from tqdm import tqdm
 
 from ha2g_jax.data import records
 from ha2g_jax.data.corpus import Clips, Corpus
@@ -15,6 +14,7 @@ from ha2g_jax.data.corpus_writer import unusable_positions
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.files.reading import file_sha256, reading, shown
+from ha2g_jax.progress import progress_bar, track
 from ha2g_jax.skeleton import Skeleton, bone_lengths, load_skeleton
 
 # Allowed factor between the length of a bone and its published mean; a wrong unit is a factor of 10 or more.
@@ -50,7 +50,7 @@ def examine(path: str | os.PathLike) -> Verdict:
     corpus = Corpus.open(path)
     findings, tally = [*_damaged_shards(corpus)], _Tally(corpus)
     total = sum(entry["clips"] for entry in corpus.metadata["splits"].values())
-    with tqdm(desc="Checking clips", total=total, unit="clip", leave=False, disable=None) as progress:
+    with progress_bar("checking clips", total, "clip") as bar:
         for split in corpus.splits:
             for shard in corpus.metadata["splits"][split]["shards"]:
                 try:  # one shard at a time, so that the others are checked if one is damaged
@@ -60,13 +60,13 @@ def examine(path: str | os.PathLike) -> Verdict:
                     continue
                 for index in range(len(clips)):
                     findings += _check_record(clips, index, split, tally)
-                    progress.update()
+                    bar.update()
     return Verdict([*findings, *tally.findings()], tally.notes())
 
 
 def _damaged_shards(corpus: Corpus) -> Iterator[str]:
     shards = [shard for entry in corpus.metadata["splits"].values() for shard in entry["shards"]]
-    for shard in tqdm(shards, desc="Checking shards", unit="shard", leave=False, disable=None):
+    for shard in track(shards, "checking shards", "shard"):
         path = corpus.path / shard["name"]
         with reading(path, "a shard of a corpus"):
             digest = file_sha256(path)

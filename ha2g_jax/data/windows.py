@@ -6,7 +6,6 @@ from collections.abc import Callable, Collection, Container
 from typing import Any, NamedTuple
 
 import numpy as np
-import tqdm
 from PIL import Image
 
 from ha2g_jax.data import records, speech
@@ -15,6 +14,7 @@ from ha2g_jax.data.speech import Speech
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.spectrum import sound_power
 from ha2g_jax.features.text import Vocabulary
+from ha2g_jax.progress import track
 from ha2g_jax.skeleton import Skeleton, positions_to_directions
 
 
@@ -103,7 +103,7 @@ def make_index(
     clips = corpus.clips(split)
     speaker_index = {name: index for index, name in enumerate(corpus.speakers)}
     names, speakers, lasts, starts, counts = [], [], [], [], []
-    for number in tqdm.trange(len(clips), desc=f"Reading {split}", unit="clip", leave=False, disable=None):
+    for number in track(range(len(clips)), f"reading the split {split}", "clip"):
         fields = clips.fields(number)
         if (found := len(fields["reference_images"] or [])) < num_images:
             raise UserError(

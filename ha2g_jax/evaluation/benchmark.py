@@ -2,7 +2,6 @@
 
 import copy
 import statistics
-import sys
 import time
 from collections.abc import Sequence
 from typing import Any
@@ -15,6 +14,7 @@ from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.charts import markdown
 from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.progress import stage
 from ha2g_jax.synthesis import Model, load
 from ha2g_jax.train.doctor import examine_machine
 from ha2g_jax.train.measure import TimedStep
@@ -57,14 +57,14 @@ def measure(config: Config, checkpoint: str, precisions: Sequence[str] | None, s
         precisions = ["float32"] if jax.default_backend() == "cpu" else list(PRECISIONS)
     name, rows = f"{config.name} on {config.skeleton}", []
     for precision in precisions:
-        sys.stderr.write(f"compiling the step of {name} in {precision}\n")
         try:
-            rows.append(_measure_step(config, precision, steps))
+            with stage(f"compiling and measuring the step of {name} in {precision}"):
+                rows.append(_measure_step(config, precision, steps))
         except jax.errors.JaxRuntimeError as error:
             reason = str(error).splitlines()[0]
             raise UserError(f"the step in {precision} fails ({reason}): lower --batch-size") from error
-    sys.stderr.write(f"generating {_SPEECH_SECONDS} s of motion {_ROUNDS + 1} times\n")
-    generation = _measure_generation(model)
+    with stage(f"generating {_SPEECH_SECONDS} s of motion {_ROUNDS + 1} times"):
+        generation = _measure_generation(model)
     return {
         "config": name,
         "machine": {finding.name: finding.found for finding in examine_machine()},

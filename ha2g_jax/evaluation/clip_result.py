@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from tqdm import tqdm
 
 from ha2g_jax.data import records
 from ha2g_jax.data.corpus import TRAIN, Clips, Corpus
@@ -15,6 +14,7 @@ from ha2g_jax.data.windows import resize_images
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.metrics.beats.times import audio_onsets
+from ha2g_jax.progress import track
 from ha2g_jax.skeleton import positions_to_directions
 
 if TYPE_CHECKING:  # JAX takes seconds to import, and folders of motion do without
@@ -96,7 +96,7 @@ def true(
             audio=audio if with_audio else None,
         )
 
-    return _each_clip(corpus, split, seed, limit, "true motion", read)
+    return _each_clip(corpus, split, seed, limit, "reading the true motion", read)
 
 
 def generated(
@@ -151,8 +151,7 @@ def _each_clip(
     chosen = sample(len(clips), limit, seed)
     if not chosen:
         raise UserError(f"{corpus.path} has no clip in the split {split}; choose another of {', '.join(corpus.splits)}")
-    steps = tqdm(chosen, title, unit="clip", disable=None, leave=False)
-    return [read(clips, index) for index in steps]
+    return [read(clips, index) for index in track(chosen, title, "clip")]
 
 
 def sample(count: int, limit: int | None, seed: int) -> Sequence[int]:

@@ -16,7 +16,6 @@ from typing import Any, Unpack
 import numpy as np
 from PIL import Image
 from scipy import ndimage, signal
-from tqdm import tqdm
 
 from ha2g_jax import figure
 from ha2g_jax.data import recording as filters
@@ -44,6 +43,7 @@ from ha2g_jax.files.writing import whole_file
 from ha2g_jax.motion.formats.video import write_video
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.readers import Reading, check_reading, read_motion
+from ha2g_jax.progress import track
 from ha2g_jax.skeleton import (
     Skeleton,
     directions_to_positions,
@@ -165,10 +165,7 @@ def _samples(corpus: Corpus, count: int) -> Iterator[str]:
     chosen = _choose(corpus, count)
     if chosen:
         yield "<h2>Clips</h2><p class='quiet'>The stored joints, drawn as a figure, with the speech.</p>"
-        figures = [
-            _figure(corpus, split, index)
-            for split, index in tqdm(chosen, desc="Sample clips", unit="clip", leave=False, disable=None)
-        ]
+        figures = [_figure(corpus, split, index) for split, index in track(chosen, "drawing clips", "clip")]
         yield f'<div class="clips">{"".join(figures)}</div>'
 
 

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from ha2g_jax.data import recording
 from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.data.recording import SplitReport, seen
 from ha2g_jax.data.records import WINDOW_FRAMES, frames_at
 from ha2g_jax.files.reading import resolved
+from ha2g_jax.progress import progress_bar
 from ha2g_jax.skeleton import Skeleton, bone_lengths, hand_joints, joint_angles, load_skeleton, positions_to_directions
 
 # Inner angles of TED-Expressive in degrees, with the values that the paper calls variances (HA2G, Table 10). They are
@@ -66,7 +66,7 @@ def summarise(path: str | os.PathLike) -> dict[str, Any]:
     counts = {split: _Counts(corpus) for split in corpus.splits}
     lengths, paces = (np.zeros(len(edges) - 1, np.int64) for edges in (SECONDS_EDGES, PACE_EDGES))
     num_clips = sum(entry["clips"] for entry in corpus.metadata["splits"].values())
-    with tqdm(desc="Reading", total=num_clips, unit="clip", leave=False, disable=None) as progress:
+    with progress_bar("reading the corpus", num_clips, "clip") as bar:
         for split in corpus.splits:
             clips = corpus.clips(split)
             for index in range(len(clips)):
@@ -79,7 +79,7 @@ def summarise(path: str | os.PathLike) -> dict[str, Any]:
                 _count(lengths, SECONDS_EDGES, seconds)
                 if seconds >= _SHORTEST_PACE and fields["words"]:
                     _count(paces, PACE_EDGES, 60 * len(fields["words"]) / seconds)
-                progress.update()
+                bar.update()
     return {
         "name": str(corpus.metadata.get("name", resolved(corpus.path).name)),
         "source": str(corpus.metadata.get("source", "")),

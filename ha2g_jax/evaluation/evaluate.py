@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import threadpoolctl
-from tqdm import tqdm
 
 from ha2g_jax import metrics
 from ha2g_jax.data.records import WINDOW_FRAMES
@@ -21,6 +20,7 @@ from ha2g_jax.metrics.metric import Score, Section, Statistic
 from ha2g_jax.metrics.row import FGD_SEEDED_CUT, SEED_FRAMES, Row, cut_windows, reference_cut, row_latents
 from ha2g_jax.metrics.sanity import HALF, SANITY_ROWS, TRUTH
 from ha2g_jax.metrics.uncertainty import Estimate, Interval, bootstrap
+from ha2g_jax.progress import track
 from ha2g_jax.skeleton import Skeleton
 
 if TYPE_CHECKING:  # JAX takes seconds to import, and an evaluation without latents does without
@@ -142,17 +142,15 @@ def _measure_rows(made: Rows, intervals: Intervals, *, has_legacy: bool) -> tupl
     """Return scores with intervals by section and row, the counts by row, and the scores of "rows" themselves."""
     found: dict[str, Any] = {"rows": {}, "legacy_v1": {}, "counts": {}}
     scores = {}
-    with tqdm(desc="evaluate", total=len(made.rows), unit="row", disable=None, leave=False) as progress:
-        for name, row in made.rows.items():
-            scores[name] = measure(row, "rows")
-            found["rows"][name] = {key: intervals(score) for key, score in scores[name].items()}
-            found["rows"][name] |= _draws(row, found["rows"][name])
-            found["counts"][name] = {key: number(value) for key, value in row.once(row_alignment.clip_counts).items()}
-            if has_legacy:
-                found["legacy_v1"][name] = {key: intervals(score) for key, score in measure(row, "legacy_v1").items()}
-            if row is not made.truth:
-                row.forget()
-            progress.update()
+    for name, row in track(made.rows.items(), "scoring", "row"):
+        scores[name] = measure(row, "rows")
+        found["rows"][name] = {key: intervals(score) for key, score in scores[name].items()}
+        found["rows"][name] |= _draws(row, found["rows"][name])
+        found["counts"][name] = {key: number(value) for key, value in row.once(row_alignment.clip_counts).items()}
+        if has_legacy:
+            found["legacy_v1"][name] = {key: intervals(score) for key, score in measure(row, "legacy_v1").items()}
+        if row is not made.truth:
+            row.forget()
     return found, scores
 
 

@@ -9,7 +9,6 @@ from collections.abc import Container, Mapping
 from typing import Any, NamedTuple, Unpack
 
 import numpy as np
-from tqdm import tqdm
 
 from ha2g_jax.data.processes import parallel_map
 from ha2g_jax.errors import UserError
@@ -33,6 +32,7 @@ from ha2g_jax.motion.readers import (
 from ha2g_jax.motion.readers.recordings import AUDIO_SUFFIXES
 from ha2g_jax.motion.readers.smplx_body import JOINTS, Body, read_body_model, template
 from ha2g_jax.motion.resample import num_frames, resample
+from ha2g_jax.progress import track
 from ha2g_jax.skeleton import Skeleton, load_skeleton
 
 FPS = 15.0  # that everything is scored at: the rate of the paper's data
@@ -127,7 +127,7 @@ def from_folders(
     processes = min(os.cpu_count() or 1, 1 + len(pairs) // _PAIRS_PER_PROCESS)
     with parallel_map(processes, _DIED) as each:
         found = each(functools.partial(_read, **options), pairs)
-        read = list(tqdm(found, "reading", len(pairs), unit="clip", disable=None, leave=False))
+        read = list(track(found, "reading the motion", "clip", len(pairs)))
     once = {pair.reference.id: pair for pair in read}
     left_out = {"motion": len(motions) - len(clips), "reference": len(references) - len(once)}
     notes = _notes(read, list(once.values()), left_out)

@@ -29,6 +29,7 @@ from ha2g_jax.metrics.causes import (
     shown_flexions,
 )
 from ha2g_jax.metrics.uncertainty import Estimate, jackknife
+from ha2g_jax.progress import progress_bar
 from ha2g_jax.skeleton import Skeleton, positions_to_directions
 from ha2g_jax.synthesis import Model, encode_features
 
@@ -124,7 +125,7 @@ def score_known_causes(
             raise UserError(f"{corpus.path} ({name}) does not know its strokes; expected one of `ha2g data make-talk`")
     num_clips = sum(map(len, chosen.values()))
     num_probed = num_clips + min(_MAX_PROBE_CLIPS, len(corpus.clips(TRAIN))) if model.has_audio_levels else 0
-    with tqdm(desc="known causes", total=num_clips + num_probed, unit="clip", disable=None, leave=False) as progress:
+    with progress_bar("scoring against known causes", num_clips + num_probed, "clip") as progress:
         results = {
             name: _score_split(model, corpus, clips, seed, look_ahead, progress) for name, clips in chosen.items()
         }

@@ -11,7 +11,6 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Unpack
 
 import numpy as np
-import tqdm
 
 from ha2g_jax.data import recording, records
 from ha2g_jax.data.corpus_writer import CorpusWriter
@@ -34,6 +33,7 @@ from ha2g_jax.motion.readers.recordings import (
 from ha2g_jax.motion.readers.smplx import AUTO, read_smplx
 from ha2g_jax.motion.readers.smplx_arrays import SEAMLESS_NAME
 from ha2g_jax.motion.readers.smplx_body import Body, read_body_model, template
+from ha2g_jax.progress import track
 from ha2g_jax.skeleton import (
     Skeleton,
     bone_lengths,
@@ -226,7 +226,7 @@ def _import_files(
         ) as writer,
         parallel_map(min(os.cpu_count() or 1, count), _DIED) as each,
     ):
-        for result in tqdm.tqdm(each(one, recordings), "motion", count, unit="file", disable=None, leave=False):
+        for result in track(each(one, recordings), "importing the motion", "file", count):
             total += result.report
             if result.warning:
                 _logger.warning("%s", result.warning)

@@ -13,7 +13,6 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from tqdm import tqdm
 
 from ha2g_jax.checkpoint import hub
 from ha2g_jax.checkpoint.assets import Assets
@@ -27,6 +26,7 @@ from ha2g_jax.files.reading import read_json, reason, shown
 from ha2g_jax.limits import MAX_ASSETS_BYTES
 from ha2g_jax.motion.resample import num_frames
 from ha2g_jax.motion.windows import num_windows
+from ha2g_jax.progress import progress_bar
 from ha2g_jax.synthesis.generator import Generator
 from ha2g_jax.synthesis.style import RANDOM, Style, choose_style
 
@@ -91,7 +91,7 @@ class OnnxModel(Generator[Description]):
         inputs = {"style": np.asarray(style, np.float32)[None]}
         ahead = concurrent.futures.ThreadPoolExecutor(1)
         try:
-            with tqdm(desc="generating", total=count, unit="window", disable=None, delay=2, leave=False) as bar:
+            with progress_bar("generating", count, "window", is_part=True) as bar:
                 for found in ahead.map(encode, range(count)):
                     inputs |= {"seed_pose": seed_pose, **dict(zip(FEATURES, found, strict=True))}
                     (sampled,) = self._run(self.sampler, [OUTPUT], inputs)

@@ -16,12 +16,12 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from tqdm import tqdm
 
 from ha2g_jax.data.speech import Speech, window
 from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.methods import generating_method_of
 from ha2g_jax.methods.method import Batch, Spec, Variables, restore, subtract_mean
+from ha2g_jax.progress import progress_bar
 
 # Windows of a chunk. The last chunk is padded with silence, so that larger numbers cost time for short speech; for long
 # speech they gain nothing on CPUs.
@@ -58,7 +58,7 @@ def encode_chunks(
 
     ahead = concurrent.futures.ThreadPoolExecutor(1)
     try:
-        with tqdm(desc="generating", total=count, unit="window", disable=None, delay=2, leave=False) as bar:
+        with progress_bar("generating", count, "window", is_part=True) as bar:
             for features in ahead.map(encode, range(0, count, _CHUNK)):
                 yield features
                 bar.update(min(_CHUNK, count - bar.n))

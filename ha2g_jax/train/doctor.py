@@ -6,12 +6,10 @@ import os
 import pathlib
 import platform
 import statistics
-import sys
 import time
 from typing import Any, NamedTuple
 
 import jax
-import tqdm
 
 from ha2g_jax.config import presets
 from ha2g_jax.config.settings import Config
@@ -21,6 +19,7 @@ from ha2g_jax.features import espeak
 from ha2g_jax.features.espeak import Voice
 from ha2g_jax.layers.cpu.onednn.library import used_version
 from ha2g_jax.methods import build
+from ha2g_jax.progress import counted, stage, track
 from ha2g_jax.train import inputs
 from ha2g_jax.train.fits import check_machine
 from ha2g_jax.train.measure import TimedStep, gib
@@ -208,7 +207,7 @@ def _split(config: Config, corpus: Corpus, split: str) -> Finding:
     values: dict[str, Any] = {"split": split, "speakers": len(corpus.speakers_of(split))}
     try:
         clips = corpus.clips(split)
-        numbers = tqdm.trange(len(clips), desc=f"Checking {split}", unit="clip", leave=False, disable=None)
+        numbers = track(range(len(clips)), f"checking the split {split}", "clip")
         frames = sum(len(clips.fields(number)["positions"]) for number in numbers)
         _ = clips[:1], clips[-1:]
         values |= {"clips": len(clips), "hours": frames / corpus.fps / 3600}
@@ -221,7 +220,7 @@ def _split(config: Config, corpus: Corpus, split: str) -> Finding:
                 values["windows"] = len(windows)
     except UserError as error:
         return Finding("data", split, str(error), values)
-    counts = [f"{values[key]} {key}" for key in ("clips", "windows", "speakers") if key in values]
+    counts = [counted(values[f"{noun}s"], noun) for noun in ("clip", "window", "speaker") if f"{noun}s" in values]
     found = f"{split}: {values['hours']:.2f} hours, {', '.join(counts)}"
     if split == TRAIN and values.get("windows", config.train.batch_size) < config.train.batch_size:
         trouble = f"fewer windows than a batch of {config.train.batch_size}: lower --config.train.batch_size"
@@ -230,11 +229,11 @@ def _split(config: Config, corpus: Corpus, split: str) -> Finding:
 
 
 def _step(config: Config, corpus: Corpus | None) -> Finding:
-    sys.stderr.write("compiling the train step, which takes a minute or more\n")
     values: dict[str, Any] = {}
     found = ""
     try:
-        step = TimedStep(config, corpus)
+        with stage("compiling the training step, which takes minutes on a CPU"):
+            step = TimedStep(config, corpus)
         values = {"compile_seconds": step.compile_seconds, "devices": step.num_devices, "batch_size": step.batch_size}
         found = f"compiled in {step.compile_seconds:.1f} s"
         if step.memory is not None:
@@ -242,7 +241,8 @@ def _step(config: Config, corpus: Corpus | None) -> Finding:
             found += f", needs {gib(step.memory.total)}" + (" on each device" if step.num_devices > 1 else "")
             if trouble := _lack_of_memory(step.memory.total, step.num_devices):
                 return Finding("step", found, trouble, values)
-        seconds = _time(step)
+        with stage("measuring the training step"):
+            seconds = _time(step)
     except UserError as error:
         return Finding("step", found, str(error), values)
     except jax.errors.JaxRuntimeError as error:

@@ -5,7 +5,6 @@ what is learned. The norms of their gradients do.
 """
 
 import functools
-import sys
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -22,6 +21,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.methods import method_of
 from ha2g_jax.methods.ha2g.losses import is_rigid
 from ha2g_jax.methods.method import Batch, subtract_mean
+from ha2g_jax.progress import stage
 from ha2g_jax.train import inputs
 from ha2g_jax.train.objective import Objective, build_objective, init_state
 from ha2g_jax.train.step import loss_terms, run_generator, step_keys
@@ -125,10 +125,10 @@ def _measure(config: Config, corpus: Corpus, trained: tuple[str, dict[str, Any]]
         if found != expected:
             raise UserError(f"{source} was trained for other words or speakers than those of {corpus.path}")
         state = state.replace(generator=state.generator.replace(**jax.tree.map(jnp.asarray, variables)))
-    sys.stderr.write("compiling the gradients of the terms, which takes a minute or more\n")
     try:
-        found = term_gradients(objective, state, batch, key)
-        return {field: values.tolist() for field, values in found._asdict().items()}
+        with stage("compiling the gradients of the terms, which takes minutes on a CPU"):
+            found = term_gradients(objective, state, batch, key)._asdict()
+            return {field: values.tolist() for field, values in found.items()}
     except jax.errors.JaxRuntimeError as error:
         why = str(error).splitlines()[0]
         raise UserError(f"the gradients fail ({why}): take a smaller size, or a config with a smaller batch") from error

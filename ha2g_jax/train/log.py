@@ -192,7 +192,7 @@ class StepLog:
         pending: dict[str, Any] | None = None,
     ):
         self._writer, self._bar, self._batch_size, self._is_due = writer, bar, batch_size, is_due
-        self._shown = shown
+        self._shown, self._shown_speed = shown, ""
         self._waiting: tuple[int, Metrics] | None = None
         self._num_steps: int = pending["steps"] if pending else 0
         self._sums: dict[str, float] = dict(pending["sums"]) if pending else {}
@@ -263,11 +263,12 @@ class StepLog:
             raise NotFinite(step, terms or bad)
         self._num_steps += 1
         self._sums = {name: self._sums.get(name, 0.0) + value for name, value in metrics.items()}
-        self._bar.update()
         if self._line_start is None:
+            self._bar.unpause()  # the time left does not count that of compiling
             self._begin_line()
         else:
             self._timed_steps += 1
+        self._show()
         if self._is_due(step):
             self._write(step)
 
@@ -279,23 +280,32 @@ class StepLog:
             name: value / (1 if name.startswith("gradient_ratio/") else self._num_steps)
             for name, value in self._sums.items()
         }
-        shown = f"{self._shown} {line[f'loss/{self._shown}']:.4f}"
-        now = time.perf_counter()
         if self._compile_seconds is not None and not self._is_compile_reported:
             line["compile_seconds"] = self._compile_seconds
             self._is_compile_reported = True
-        if self._timed_steps and self._line_start is not None:
-            seconds = now - self._line_start - self._apart
-            line["windows_per_second"] = self._timed_steps * self._batch_size / seconds
-            line["waiting_percent"] = 100 * self._waited / seconds
-            shown += f", {line['windows_per_second']:.0f} windows/s"
-            if line["waiting_percent"] > _NOTICEABLE:
-                shown += f", {line['waiting_percent']:.0f} % waiting for data"
-        self._writer.write(step, line | {"seconds": now - self._start})
-        self._bar.set_postfix_str(shown)
+        self._writer.write(step, line | self._speed() | {"seconds": time.perf_counter() - self._start})
         self._num_steps, self._sums = 0, {}
         if self._line_start is not None:
             self._begin_line()
+
+    def _show(self) -> None:
+        """Count the step in the progress bar, with the mean loss and the speed since the last line."""
+        if speed := self._speed():
+            self._shown_speed = f", {speed['windows_per_second'] / self._batch_size:.3g} steps/s"
+            if speed["waiting_percent"] > _NOTICEABLE:
+                self._shown_speed += f", {speed['waiting_percent']:.0f} % waiting for data"
+        loss = self._sums[f"loss/{self._shown}"] / self._num_steps
+        self._bar.set_postfix_str(f"{self._shown} loss {loss:.4f}{self._shown_speed}", refresh=False)
+        self._bar.update()
+
+    def _speed(self) -> dict[str, float]:
+        if not self._timed_steps or self._line_start is None:
+            return {}
+        seconds = time.perf_counter() - self._line_start - self._apart
+        return {
+            "windows_per_second": self._timed_steps * self._batch_size / seconds,
+            "waiting_percent": 100 * self._waited / seconds,
+        }
 
     def _begin_line(self) -> None:
         self._line_start = time.perf_counter()

@@ -28,7 +28,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
 from ha2g_jax.files.writing import whole_file
 from ha2g_jax.methods.method import Spec
-from ha2g_jax.progress import stage
+from ha2g_jax.progress import progress_bar, stage
 from ha2g_jax.stopping import Stop, stop_after_step
 from ha2g_jax.train import fits, hosts, inputs, run_record, sharding
 from ha2g_jax.train.log import NotFinite, StepLog, Writer
@@ -39,6 +39,7 @@ from ha2g_jax.train.workdir import only_run
 SAMPLES, PROFILE = "samples", "profile"
 
 _NAMES_SHOWN = 8
+_LINE_SECONDS = 60.0  # seconds between two lines about the steps where stderr is no terminal
 
 
 def train(
@@ -126,13 +127,14 @@ def _train(
         held.enter_context(run_record.noting_failure(workdir))
 
     writer = Writer(workdir, step, config, hosts.is_first())
-    bar = tqdm.tqdm(
-        total=num_steps,
+    bar = progress_bar(
+        config.name,
+        num_steps,
+        "step",
         initial=step,
-        desc=config.name,
-        unit="step",
-        smoothing=0.05,
-        disable=None if hosts.is_first() else True,
+        is_shown=hosts.is_first(),
+        leave=True,
+        line_seconds=_LINE_SECONDS,
     )
     log = StepLog(
         writer,

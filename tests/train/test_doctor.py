@@ -135,7 +135,7 @@ def test_a_step_that_does_not_fit_is_not_run(config, monkeypatch):
     assert "--config.train.batch_size" in finding.trouble
 
 
-def test_a_step_is_compiled_and_timed(capsys):
+def test_a_step_is_compiled_and_timed():
     config = presets.make("ted_gesture", "debug", "seq2seq")  # the least to compile
     values = doctor.examine(config)[-1].values
     assert values is not None
@@ -143,7 +143,6 @@ def test_a_step_is_compiled_and_timed(capsys):
     memory = values["memory"]
     assert memory["total"] > memory["arguments"] > 1 << 20
     assert memory["aliased"] > 0.9 * memory["outputs"]  # the state is updated in place
-    assert "compiling" in capsys.readouterr().err
 
 
 def test_the_terms_and_their_sum_are_those_of_the_step(objective, step, state, batch):

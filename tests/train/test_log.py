@@ -1,6 +1,8 @@
 """Lines are exact means, also across a resume; their speeds count only the time of training."""
 
+import io
 import json
+import re
 import sys
 from unittest import mock
 
@@ -11,6 +13,7 @@ import tqdm
 from tensorboard.backend.event_processing import event_accumulator
 
 from ha2g_jax.config import presets
+from ha2g_jax.progress import progress_bar
 from ha2g_jax.train import log as logs
 from ha2g_jax.train.log import NotFinite, StepLog, Writer
 from ha2g_jax.train.workdir import METRICS, read_metrics
@@ -215,3 +218,20 @@ def test_without_tensorboard_the_metrics_are_written_and_one_line_says_so(write,
     printed = capsys.readouterr().err
     assert printed.count("\n") == 1 and "pip install 'ha2g-jax[report]'" in printed
     assert [path.name for path in tmp_path.iterdir()] == [METRICS]
+
+
+@pytest.mark.parametrize("is_terminal", [True, False])
+def test_the_bar_shows_step_loss_speed_and_time_left(is_terminal, clock, lines, monkeypatch):
+    """On a terminal, also one without a size, and as lines elsewhere; before the first line of metrics, too."""
+    stderr = io.StringIO()
+    stderr.isatty = lambda: is_terminal
+    monkeypatch.setattr(sys, "stderr", stderr)
+    with progress_bar("talk", 9, "step", initial=2, line_seconds=1e-9) as bar:
+        log = StepLog(lines, bar, batch_size=2, is_due=lambda step: step == 100)
+        for step, huber in enumerate((4.0, 3.0, 2.0), 3):
+            log.add(step, _metrics(huber))
+            clock(0.5)
+        log.flush()
+        bar.refresh()
+    shown = re.split(r"[\r\n]", stderr.getvalue())
+    assert any(re.search(r"^talk: .*5 of 9 steps, [\d:]+ left, huber loss 3.0000, 2 steps/s", text) for text in shown)

@@ -109,7 +109,7 @@ def make_talk(
         parallel_map(workers, _DIED) as each,
     ):
         _say_how_long(minutes, workers)
-        with progress_bar("Talk corpus", len(plans), "recording") as bar:
+        with progress_bar("making the Talk corpus", len(plans), "recording") as bar:
             for plan, clips in zip(plans, each(functools.partial(_make_clips, fps=fps), plans)):
                 for clip in clips:
                     writer.add(plan.split, clip)

@@ -19,6 +19,7 @@ from ha2g_jax.data.recording import Report, SplitReport
 from ha2g_jax.errors import UserError, require
 from ha2g_jax.files.reading import reading, shown
 from ha2g_jax.importers.ted import arrow, clips
+from ha2g_jax.progress import progress_bar
 from ha2g_jax.skeleton import SKELETONS, load_skeleton
 
 _SPLITS = (TRAIN, "val", "test")
@@ -139,7 +140,7 @@ def _write(
 ) -> Report:
     report: Report = {}
     total = sum(len(database.keys) for database in databases.values())
-    with tqdm.tqdm(desc=_NAMES[skeleton], total=total, unit="video", disable=None, leave=False) as progress:
+    with progress_bar(f"importing {_NAMES[skeleton]}", total, "video") as bar:
         for split, database in databases.items():
             report[split] = SplitReport(filtered=collections.Counter(dict.fromkeys(recording.REASONS, 0)))
             tasks = ((database.folder, key, skeleton) for key in database.keys)
@@ -149,7 +150,7 @@ def _write(
                 for line in video.damaged:
                     tqdm.tqdm.write(line, file=sys.stderr)
                 report[split] += video.report
-                progress.update()
+                bar.update()
     return report
 
 

@@ -23,6 +23,7 @@ from ha2g_jax.files.writing import check_kept, check_new, whole_file
 from ha2g_jax.importers.video import extraction, pose, runners
 from ha2g_jax.importers.video.extraction import Extraction, VideoRecording
 from ha2g_jax.importers.video.settings import VideoSettings
+from ha2g_jax.progress import progress_bar
 
 RUNNERS = ("local", "ray")
 _COUNTS = ("frames", "frames_with_both_hands", "seconds", "shots")
@@ -133,7 +134,7 @@ def _do(job: _Job) -> tuple[str, Extraction | None]:
 
 def _collect(results: Any, num_videos: int, work: pathlib.Path) -> _Outcome:
     outcome, clips = _Outcome({}, {}), 0
-    with tqdm.tqdm(desc="Videos", total=num_videos, unit="video", disable=None, leave=False) as bar:
+    with progress_bar("importing videos", num_videos, "video") as bar:
         for job, result in results:
             if isinstance(result, Exception):
                 reason = _reason(result, job.recording)

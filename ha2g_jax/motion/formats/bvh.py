@@ -4,12 +4,12 @@ import pathlib
 from collections.abc import Iterator
 
 import numpy as np
-from tqdm import tqdm
 
 from ha2g_jax.files.writing import whole_file
 from ha2g_jax.motion import rotations
 from ha2g_jax.motion.armature import Animation, Armature, world
 from ha2g_jax.motion.rigs import rest_positions
+from ha2g_jax.progress import progress_bar
 
 _CENTIMETRES = 100.0
 _TIP = 2.0  # centimetres from the last joint of a chain to its end site
@@ -35,12 +35,13 @@ def write(path: str | pathlib.Path, animation: Animation) -> None:
         frame_time = np.format_float_positional(1 / animation.fps, precision=10)
         file.write(f"MOTION\nFrames: {animation.num_frames}\nFrame Time: {frame_time}\n")
         line = " ".join(["%.6f"] * 3 + ["%.5f"] * (3 * len(order))) + "\n"
-        blocks = range(0, animation.num_frames, _BLOCK)
-        for start in tqdm(blocks, desc="bvh", unit="block", disable=None if len(blocks) > 1 else True, leave=False):
-            frames = slice(start, start + _BLOCK)
-            values = np.concatenate([root[frames], angles[frames].reshape(-1, 3 * len(order))], axis=1)
-            # Adding zero changes -0.0 to 0.0.
-            file.writelines(line % tuple(row) for row in (np.round(values, 6) + 0.0).tolist())
+        with progress_bar("writing BVH", animation.num_frames, "frame", is_part=True) as bar:
+            for start in range(0, animation.num_frames, _BLOCK):
+                frames = slice(start, start + _BLOCK)
+                values = np.concatenate([root[frames], angles[frames].reshape(-1, 3 * len(order))], axis=1)
+                # Adding zero changes -0.0 to 0.0.
+                file.writelines(line % tuple(row) for row in (np.round(values, 6) + 0.0).tolist())
+                bar.update(len(values))
 
 
 def _angles(animation: Animation) -> np.ndarray:

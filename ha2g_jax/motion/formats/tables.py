@@ -6,11 +6,11 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from ha2g_jax.files.writing import whole_file
 from ha2g_jax.motion import rotations
 from ha2g_jax.motion.armature import Animation, Armature, world
+from ha2g_jax.progress import progress_bar
 
 _AXES = {"units": "metres", "x": "the figure's left", "y": "up", "z": "ahead of the figure"}
 _QUATERNIONS = "x, y, z, w, relative to the parent's axes, the rest rotation included"
@@ -71,15 +71,16 @@ def describe_poses(animation: Animation) -> Iterator[dict[str, list]]:
     """Yield `positions`, `directions` and `rotations` of each frame as in `write_json`, rounded to six decimals."""
     _, positions = world(animation)
     parents = np.array([max(parent, 0) for parent in animation.armature.parents])
-    starts = range(0, animation.num_frames, _BLOCK)
-    for start in tqdm(starts, desc="frames", unit="block", disable=None if len(starts) > 1 else True, leave=False):
-        frames = slice(start, start + _BLOCK)
-        bones = positions[frames] - positions[frames][:, parents]
-        # A bone of length 0 has no direction; forward kinematics leaves rounding errors of it.
-        bones = np.where(np.linalg.norm(bones, axis=-1, keepdims=True) > 1e-9, bones, 0.0)
-        parts = (positions[frames], rotations.unit(bones), animation.rotations[frames])
-        for pose in zip(*(_rounded(part) for part in parts), strict=True):
-            yield dict(zip(("positions", "directions", "rotations"), pose, strict=True))
+    with progress_bar("writing frames", animation.num_frames, "frame", is_part=True) as bar:
+        for start in range(0, animation.num_frames, _BLOCK):
+            frames = slice(start, start + _BLOCK)
+            bones = positions[frames] - positions[frames][:, parents]
+            # A bone of length 0 has no direction; forward kinematics leaves rounding errors of it.
+            bones = np.where(np.linalg.norm(bones, axis=-1, keepdims=True) > 1e-9, bones, 0.0)
+            parts = (positions[frames], rotations.unit(bones), animation.rotations[frames])
+            for pose in zip(*(_rounded(part) for part in parts), strict=True):
+                yield dict(zip(("positions", "directions", "rotations"), pose, strict=True))
+            bar.update(len(positions[frames]))
 
 
 def _rounded(values: np.ndarray) -> list:

@@ -15,7 +15,6 @@ from av.audio.stream import AudioStream
 from av.codec.context import Flags
 from av.video.codeccontext import VideoCodecContext
 from av.video.reformatter import ColorRange
-from tqdm import tqdm
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.figure import DEFAULT_LOOK, View, fit
@@ -85,7 +84,7 @@ def write_video(
         whole_file(path) as temporary,
         concurrent.futures.ThreadPoolExecutor(workers or os.cpu_count()) as executor,
         av.open(str(temporary), "w", format="mp4", options=options) as container,
-        progress_bar("drawing the video", frames, "frame") if has_progress else tqdm(disable=True) as bar,
+        progress_bar("drawing the video", frames, "frame", is_shown=has_progress) as bar,
     ):
         video = container.add_stream("libx264", rate=VIDEO_FPS, options=_ENCODER)
         _set_up(video.codec_context, width, height)
