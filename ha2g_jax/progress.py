@@ -17,7 +17,7 @@ _TICK = 1.0  # seconds between two times that a clock shows on a terminal
 _LINE_SECONDS = 10.0  # seconds between two plain lines
 _PART_DELAY = 2.0  # seconds before the progress of a part is shown
 _COUNT = "{n_fmt} of {total_fmt} {unit}, {remaining} left{postfix}"
-_PLURALS = {"corpus": "corpora"}
+_PLURALS = {"corpus": "corpora", "shot or clip": "shots or clips"}
 
 
 def counted(number: int, noun: str) -> str:

@@ -180,7 +180,8 @@ def _print_path(path: pathlib.Path) -> None:
 
 
 def _list_speakers(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.evaluation import speakers
+    with stage("loading the model"):
+        from ha2g_jax.evaluation import speakers
 
-    rows = speakers.describe_speakers(arguments.checkpoint)
+        rows = speakers.describe_speakers(arguments.checkpoint)
     print(json.dumps(rows, indent=1) if arguments.json else speakers.speakers_as_table(rows))

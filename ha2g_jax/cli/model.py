@@ -5,6 +5,8 @@ import pathlib
 import sys
 from typing import Any
 
+from ha2g_jax.progress import stage
+
 _MODEL = "'demo', a workdir of ha2g train, a checkpoint in it, or a model folder"
 WEIGHTS = ("float32", "float16", "int8")
 
@@ -66,9 +68,11 @@ def add_weights(command: argparse.ArgumentParser) -> None:
 
 
 def _export(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.checkpoint.publishing import export
+    with stage("exporting the model"):
+        from ha2g_jax.checkpoint.publishing import export
 
-    print(export(arguments.checkpoint, arguments.out))
+        folder = export(arguments.checkpoint, arguments.out)
+    print(folder)
 
 
 def _onnx(arguments: argparse.Namespace) -> None:
@@ -76,28 +80,35 @@ def _onnx(arguments: argparse.Namespace) -> None:
     from ha2g_jax.errors import require
 
     require("onnx", "onnx", by=BY)
-    from ha2g_jax.checkpoint.onnx import export
+    with stage("exporting the model"):
+        from ha2g_jax.checkpoint.onnx import export
 
-    print(export.export(arguments.checkpoint, arguments.out, weights=arguments.weights, license=arguments.license))
+        file = export.export(arguments.checkpoint, arguments.out, weights=arguments.weights, license=arguments.license)
+    print(file)
 
 
 def _publish(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.checkpoint.publishing import publish
+    with stage("publishing the model"):
+        from ha2g_jax.checkpoint.publishing import publish
 
-    is_private = arguments.private
-    print(publish(arguments.checkpoint, arguments.name, arguments.license, arguments.scores, is_private=is_private))
+        options = {"scores": arguments.scores, "is_private": arguments.private}
+        name = publish(arguments.checkpoint, arguments.name, arguments.license, **options)
+    print(name)
 
 
 def _import(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.checkpoint.released.importing import import_weights
+    with stage("importing the weights"):
+        from ha2g_jax.checkpoint.released.importing import import_weights
 
-    folder, notes = import_weights(arguments.weights, arguments.out)
+        folder, notes = import_weights(arguments.weights, arguments.out)
     for note in notes:
         print(f"ha2g: {note}", file=sys.stderr)
     print(folder)
 
 
 def _average(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.checkpoint.publishing import average_models
+    with stage("averaging the models"):
+        from ha2g_jax.checkpoint.publishing import average_models
 
-    print(average_models(arguments.models, arguments.out))
+        folder = average_models(arguments.models, arguments.out)
+    print(folder)

@@ -10,6 +10,7 @@ import numpy as np
 from ha2g_jax.data.records import Clip, frames_at
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.text import Word
+from ha2g_jax.progress import counted
 from ha2g_jax.skeleton import Skeleton
 
 KEPT = "kept"
@@ -82,8 +83,8 @@ def report_as_table(report: Report) -> str:
     lines = [f"{'split':<12}{'videos':>8}{'clips':>8}{'windows':>10}{'kept':>10}"]
     for split, counts in report.items():
         lines.append(f"{split:<12}{counts.videos:>8}{counts.clips:>8}{counts.windows:>10}{counts.kept:>10}")
-        lines += [f"  {count} windows left out: {reason}" for reason, count in counts.filtered.items() if count]
-        lines += [f"  {count} clips left out: {reason}" for reason, count in counts.rejected.items() if count]
+        for noun, reasons in (("window", counts.filtered), ("clip", counts.rejected)):
+            lines += [f"  {counted(count, noun)} left out: {reason}" for reason, count in reasons.items() if count]
     return "\n".join(lines)
 
 

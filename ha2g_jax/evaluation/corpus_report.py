@@ -43,7 +43,7 @@ from ha2g_jax.files.writing import whole_file
 from ha2g_jax.motion.formats.video import write_video
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.readers import Reading, check_reading, read_motion
-from ha2g_jax.progress import track
+from ha2g_jax.progress import counted, track
 from ha2g_jax.skeleton import (
     Skeleton,
     directions_to_positions,
@@ -234,15 +234,15 @@ def _import(summary: dict[str, Any]) -> Iterator[str]:
     yield "<h2>Import</h2>"
     for split, report in report_of(summary).items():
         yield (
-            f"<h3>{html.escape(split)}: {report.windows:,} windows of {report.clips:,} clips of "
-            f"{report.videos:,} recordings</h3>"
+            f"<h3>{html.escape(split)}: {counted(report.windows, 'window')} of {counted(report.clips, 'clip')} of "
+            f"{counted(report.videos, 'recording')}</h3>"
         )
         yield from _losses(report)
     failed = summary["failed"]
     if failed:
         rows = [["recording that failed", "reason"]]
         rows += [[str(one.get("video")), str(one.get("reason"))] for one in failed[:_MAX_FAILURES]]
-        yield f"<h3>{len(failed):,} recordings failed</h3>" + html_table(rows)
+        yield f"<h3>{counted(len(failed), 'recording')} failed</h3>" + html_table(rows)
 
 
 def _losses(report: SplitReport) -> Iterator[str]:

@@ -18,6 +18,7 @@ from ha2g_jax.files.reading import resolved, shown
 from ha2g_jax.metrics.beats import strokes
 from ha2g_jax.metrics.row import SEED_FRAMES
 from ha2g_jax.motion.readers import Reading, check_reading
+from ha2g_jax.progress import stage
 
 MIN_SECONDS = 10.0  # of a recording
 TEST_SPLITS, OTHER_SPLIT = ("test", "test_unseen_speakers"), "val"
@@ -119,8 +120,8 @@ def evaluate_checkpoint(
     from ha2g_jax import synthesis
     from ha2g_jax.evaluation.talk_scores import has_known_causes, score_known_causes
 
-    features = _features(autoencoder)
-    model = synthesis.load(checkpoint)
+    with stage("loading the model"):
+        features, model = _features(autoencoder), synthesis.load(checkpoint)
     corpus = Corpus.open(build.talk_path(str(data)))
     limits = split_limits(corpus, _choose_splits(corpus) if splits is None else splits)
     if limit is not None:
@@ -182,8 +183,10 @@ def evaluate_recording(checkpoint: str | pathlib.Path, speech: str | os.PathLike
         raise UserError(
             f"{shown(speech)} has {len(audio) / SAMPLE_RATE:.1f} s of sound; expected at least {MIN_SECONDS:g} s"
         )
-    model = synthesis.load(checkpoint)
-    motion = model.generate(audio, style=synthesis.Style(variation=0), seed=seed)
+    with stage("loading the model"):
+        model = synthesis.load(checkpoint)
+    with stage("generating the motion"):
+        motion = model.generate(audio, style=synthesis.Style(variation=0), seed=seed)
     first_frame, skeleton = model.spec.num_seed_frames, model.spec.skeleton
     wrists = strokes.wrist_positions(skeleton, motion.directions)
     row = strokes.recording_row(audio, wrists, motion.fps, first_frame)

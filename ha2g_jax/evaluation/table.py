@@ -9,6 +9,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.charts import markdown
 from ha2g_jax.metrics.metric import Metric
 from ha2g_jax.metrics.sanity import SANITY_ROWS, TRUTH
+from ha2g_jax.progress import counted
 
 CLOSER = "Closer to ground truth is better; no column is better for being higher or lower."
 
@@ -69,9 +70,10 @@ def _inputs(results: Mapping[str, Any]) -> str:
 def _head(section: Mapping[str, Any]) -> list[str]:
     """Return lines on the data and the settings, after a check that no sanity row is missing."""
     data, settings, encoder = section["data"], section["settings"], section["autoencoder"]
-    windows = f", {data['windows']} windows" if data["windows"] else ""
+    windows = f", {counted(data['windows'], 'window')}" if data["windows"] else ""
     lines = [
-        f"{data['clips']} clips of {data['recordings']} recordings, {data['seconds']:.0f} s{windows}; "
+        f"{counted(data['clips'], 'clip')} of {counted(data['recordings'], 'recording')}, "
+        f"{data['seconds']:.0f} s{windows}; "
         f"{data['skeleton']} at {data['fps']:g} frames per second, from frame {settings['first_frame']} on; seed "
         f"{settings['seed']}",
     ]

@@ -118,7 +118,8 @@ def _measure(config: Config, corpus: Corpus, trained: tuple[str, dict[str, Any]]
     windows = inputs.open_windows(config, objective.spec, corpus, vocabulary, TRAIN)
     batch = next(inputs.training_batches(config, windows, 0))
     key = jax.random.key(config.seed)
-    state = init_state(objective, key, {} if trained else inputs.pretrained(config, objective.spec, vocabulary))
+    with stage("initialising the networks"):
+        state = init_state(objective, key, {} if trained else inputs.pretrained(config, objective.spec, vocabulary))
     if trained is not None:
         source, variables = trained
         found, expected = (jax.tree.map(jnp.shape, tree) for tree in (variables, state.generator.variables))

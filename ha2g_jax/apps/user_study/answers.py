@@ -73,7 +73,7 @@ def read_answers(paths: Sequence[pathlib.Path], key: Key) -> Answers:
     files = _files(paths)
     kept: list[tuple[Participant, pathlib.Path]] = []
     excluded: dict[pathlib.Path, Exclusion] = {}
-    with progress_bar("Answers", len(files), "file") as bar:
+    with progress_bar("reading answers", len(files), "file") as bar:
         for path in files:
             participant = ""
             try:

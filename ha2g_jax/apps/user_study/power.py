@@ -132,7 +132,7 @@ def required_participants(
     if not 0 < power < 1 or most < FEWEST:
         raise UserError(f"a power is above 0 and below 1, and a study has at least {FEWEST} participants")
     rows: dict[int, float] = {}
-    with progress_bar("Studies", unit="size") as bar:
+    with progress_bar("simulating studies") as bar:
 
         def reaches(participants: int) -> bool:
             if participants not in rows:

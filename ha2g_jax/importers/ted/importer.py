@@ -19,7 +19,7 @@ from ha2g_jax.data.recording import Report, SplitReport
 from ha2g_jax.errors import UserError, require
 from ha2g_jax.files.reading import reading, shown
 from ha2g_jax.importers.ted import arrow, clips
-from ha2g_jax.progress import progress_bar
+from ha2g_jax.progress import counted, progress_bar
 from ha2g_jax.skeleton import SKELETONS, load_skeleton
 
 _SPLITS = (TRAIN, "val", "test")
@@ -158,7 +158,7 @@ def _losses(report: Report) -> str:
     total = sum(report.values(), SplitReport())
     reasons = [*total.filtered.items(), *total.rejected.items()]
     counts = ", ".join(f"{reason} {count}" for reason, count in reasons if count)
-    return f"{total.clips} clips, {total.windows} windows, left out: {counts or 'none'}"
+    return f"{counted(total.clips, 'clip')}, {counted(total.windows, 'window')}, left out: {counts or 'none'}"
 
 
 def _survey(folder: pathlib.Path) -> _Database:

@@ -23,7 +23,7 @@ from ha2g_jax.files.writing import check_kept, check_new, whole_file
 from ha2g_jax.importers.video import extraction, pose, runners
 from ha2g_jax.importers.video.extraction import Extraction, VideoRecording
 from ha2g_jax.importers.video.settings import VideoSettings
-from ha2g_jax.progress import progress_bar
+from ha2g_jax.progress import counted, progress_bar
 
 RUNNERS = ("local", "ray")
 _COUNTS = ("frames", "frames_with_both_hands", "seconds", "shots")
@@ -148,7 +148,7 @@ def _collect(results: Any, num_videos: int, work: pathlib.Path) -> _Outcome:
                     clips += len(extracted.records)
                 outcome.keys[job.recording.name] = key
             bar.update()
-            bar.set_postfix_str(f"{clips} clips, {len(outcome.failures)} failed, last {job.recording.name}")
+            bar.set_postfix_str(f"{counted(clips, 'clip')}, {len(outcome.failures)} failed, last {job.recording.name}")
     return outcome
 
 
@@ -167,10 +167,11 @@ def _write(
 
 
 def _no_clip(report: SplitReport, num_videos: int) -> UserError:
-    reasons = [f"{count} shots or clips: {reason}" for reason, count in report.rejected.items()]
-    reasons += [f"{count} windows: {reason}" for reason, count in report.filtered.items()]
+    reasons = [f"{counted(count, 'shot or clip')}: {reason}" for reason, count in report.rejected.items()]
+    reasons += [f"{counted(count, 'window')}: {reason}" for reason, count in report.filtered.items()]
     return UserError(
-        f"no clip is left of {num_videos} videos ({', '.join(reasons)}); look at the --overlay, or change the settings"
+        f"no clip is left of {counted(num_videos, 'video')} ({', '.join(reasons)}); look at the --overlay, or "
+        "change the settings"
     )
 
 
@@ -194,8 +195,8 @@ def _named(name: str, reason: str) -> str:
 def _summary(failed: Sequence[str], num_videos: int, dst: pathlib.Path, work: pathlib.Path) -> str:
     names = ", ".join(failed[:_NAMED]) + (" ..." if len(failed) > _NAMED else "")
     return (
-        f"{len(failed)} of {num_videos} videos failed ({names}) and are not in {dst}; to add them, correct them, "
-        f"remove {dst} and run again: {work} keeps the results of the others"
+        f"{len(failed)} of {counted(num_videos, 'video')} failed ({names}) and are not in {dst}; to add them, "
+        f"correct them, remove {dst} and run again: {work} keeps the results of the others"
     )
 
 
