@@ -213,6 +213,7 @@ def generate_files(
     rig: str | None = None,
     words: pathlib.Path | None = None,
     size: int | tuple[int, int] = 720,
+    camera: str | None = None,
     report: Callable[[pathlib.Path], None] = lambda path: None,
     **options: Unpack[Options],
 ) -> tuple[pathlib.Path, ...]:
@@ -233,6 +234,7 @@ def generate_files(
         words: path of a transcript of the speech, for a model that reads words, where there is one file; by default a
             transcript beside the speech is used. HA2G needs none.
         size: width and height of the video in pixels, one number for both.
+        camera: camera of video and page, one of `figure.CAMERAS`, by default "body".
         report: is called with the path of each file when it is complete.
         options: keyword arguments of `Generator.generate`.
 
@@ -250,24 +252,28 @@ def generate_files(
     for path in (path for task in tasks for path in task.paths):
         if rig is not None or path.suffix.lower() == formats.FBX:
             formats.choose_rig(path, rig or rigs.OWN)
-    if any(path.suffix.lower() == VIDEO for task in tasks for path in task.paths):
+    suffixes = {path.suffix.lower() for task in tasks for path in task.paths}
+    if camera is not None and not suffixes & {VIDEO, PAGE}:
+        raise UserError(f"--camera is for {VIDEO} and {PAGE}, not {', '.join(sorted(suffixes))}; leave it out")
+    if VIDEO in suffixes:
         from ha2g_jax.motion.formats.video import check_size
 
         check_size((size, size) if isinstance(size, int) else size)
+    picture = {"size": size, "camera": camera or "body"}
     with stage("loading the model"):
         model = load(checkpoint, backend)
     if model.reads_words and words is None:
         results = [path for task in tasks for path in task.paths]
         check_kept(results, [find_transcript(task.speech) for task in tasks])
     if len(tasks) == 1:
-        _generate(model, tasks[0], words, rig, size, report, options)
+        _generate(model, tasks[0], words, rig, picture, report, options)
         return tasks[0].paths
     model.check_options(**options)  # said once, not for each file
     failed = 0
     with progress_bar("generating", len(tasks), "file") as bar:
         for task in tasks:
             try:
-                _generate(model, task, None, rig, size, report, options)
+                _generate(model, task, None, rig, picture, report, options)
             except UserError as error:
                 failed += 1
                 tqdm.write(f"{shown(task.speech)} failed: {error}", file=sys.stderr)
@@ -292,7 +298,7 @@ def _generate(
     task: Task,
     words: pathlib.Path | None,
     rig: str | None,
-    size: int | tuple[int, int],
+    picture: dict[str, Any],
     report: Callable[[pathlib.Path], None],
     options: Options,
 ) -> None:
@@ -305,7 +311,7 @@ def _generate(
         with stage(f"generating {audio.duration:.1f} s of motion"):
             motion = model.generate(audio, words=spoken, **options)
         for path in temporary:
-            _write(path, motion, audio, spoken, rig, size)
+            _write(path, motion, audio, spoken, rig, picture)
     for path in task.paths:
         report(path)
 
@@ -316,20 +322,20 @@ def _write(
     audio: Audio,
     words: tuple[Word, ...],
     rig: str | None,
-    size: int | tuple[int, int],
+    picture: dict[str, Any],
 ) -> None:
     suffix = path.suffix.lower()
     if suffix == VIDEO:
         from ha2g_jax.motion.formats.video import write_video
 
-        write_video(path, motion, audio.samples, size=size)
+        write_video(path, motion, audio.samples, **picture)
         return
     with stage(f"writing {suffix}"):
         if suffix == PAGE:
             from ha2g_jax.viewer import view
 
             name = shown(pathlib.Path(audio.name or "").stem)
-            view({name: motion}, audio.samples, words=words).save(path)
+            view({name: motion}, audio.samples, words=words, camera=picture["camera"]).save(path)
         else:
             formats.export(motion, path, rig=rig or rigs.OWN)
 

@@ -23,8 +23,8 @@ _MOST_DIFFERENCE = 0.5  # seconds by which motion and sound may differ in length
 
 # Options that have an effect, by the suffix of the file to write.
 _OPTIONS = {
-    ".mp4": ("audio", "names", "size"),
-    ".html": ("audio", "words", "names"),
+    ".mp4": ("audio", "names", "size", "camera"),
+    ".html": ("audio", "words", "names", "camera"),
     ".png": ("words", "names", "size", "count"),
     ".svg": ("words", "names", "size", "count"),
     **dict.fromkeys((".glb", ".vrma"), ("rig", "audio")),
@@ -58,9 +58,19 @@ def add_commands(commands: Any) -> None:
     export.add_argument(
         "--size", metavar="WIDTHxHEIGHT", help="pixels of the video (1920x1080), or of a key frame, one number (240)"
     )
+    add_camera(export)
     export.add_argument("--count", type=int, help="number of key frames (default: 8)")
     add_reading(export)
     export.set_defaults(run=_export)
+
+
+def add_camera(command: argparse.ArgumentParser) -> None:
+    """Add the camera of videos and pages."""
+    command.add_argument(
+        "--camera",
+        choices=("body", "close"),
+        help="what video and page show: the body to hips and lowest hands, or the upper body and the hands (body)",
+    )
 
 
 def _export(arguments: argparse.Namespace) -> None:
@@ -104,20 +114,26 @@ def _write_video(arguments: argparse.Namespace) -> None:
     audio = _read_audio(arguments.audio) if arguments.audio else None
     if audio is not None:
         _compare_lengths(motions, _seconds(audio))
-    write_video(arguments.out, _one_or_named(motions, arguments), audio, size=read_size(arguments.size or "1920x1080"))
+    write_video(
+        arguments.out,
+        _one_or_named(motions, arguments),
+        audio,
+        size=read_size(arguments.size or "1920x1080"),
+        camera=arguments.camera or "body",
+    )
 
 
 def _write_page(arguments: argparse.Namespace) -> None:
     from ha2g_jax.features import words as transcripts
     from ha2g_jax.viewer import view
 
-    motions, words = _load(arguments), arguments.words
+    motions, words, camera = _load(arguments), arguments.words, arguments.camera or "body"
     if arguments.audio is None:
-        page = view(motions, words=transcripts.read_words(words) if words else ())
+        page = view(motions, words=transcripts.read_words(words) if words else (), camera=camera)
     else:
         audio = _read_audio(arguments.audio)
         spoken = transcripts.words_of(audio, words, recognise=None, media=arguments.audio) if words else ()
-        page = view(motions, audio, words=spoken)
+        page = view(motions, audio, words=spoken, camera=camera)
     page.save(arguments.out)
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
 
-from ha2g_jax.cli.export import read_size
+from ha2g_jax.cli.export import add_camera, read_size
 from ha2g_jax.cli.parser import read_seed
 from ha2g_jax.progress import stage
 
@@ -59,6 +59,7 @@ def add_commands(commands: Any) -> None:
     command.add_argument(
         "--size", default="720", metavar="WIDTHxHEIGHT", help="pixels of the video; one number for both (default: 720)"
     )
+    add_camera(command)
     add_style(command)
     _add_controls(command)
     command.set_defaults(run=run)
@@ -169,6 +170,7 @@ def run(arguments: argparse.Namespace) -> None:
         controls=controls,
         words=arguments.words,
         size=read_size(arguments.size),
+        camera=arguments.camera,
         report=_print_path,
     )
 

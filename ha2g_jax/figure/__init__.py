@@ -4,7 +4,7 @@ Everything is a filled shape on a canvas of twice the size, which is then reduce
 """
 
 import itertools
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -29,7 +29,12 @@ _MITTEN = 0.11  # metres from the wrist to the last joint of a hand without fing
 _KNEES = 0.95  # metres below the spine to which the legs are drawn in most poses
 _PIECE = 2048  # frames that are projected at a time
 
-DEFAULT_LOOK = Look((232, 190, 160), (74, 52, 42), (62, 110, 158), (232, 234, 238))
+# Shirts of figures side by side; the first is that of a figure alone.
+SHIRTS: tuple[Colour, ...] = (
+    *((62, 110, 158), (181, 88, 63), (75, 138, 99), (125, 90, 148)),
+    *((176, 138, 53), (63, 138, 145), (156, 70, 104), (96, 112, 127)),
+)
+DEFAULT_LOOK = Look((232, 190, 160), (74, 52, 42), SHIRTS[0], (232, 234, 238))
 
 _SUPERSAMPLE = 2
 _LARGE = 400  # pixels from which curves need more points
@@ -159,17 +164,27 @@ class View(NamedTuple):
 
 
 DEFAULT_VIEW = View(-0.56, -0.70, 0.56, 0.42)
+# The smallest view of a camera, which is fitted to head and hands: to the hips, or of the upper body.
+CAMERAS = {"body": View(-0.36, -0.66, 0.36, 0.58), "close": View(-0.36, -0.66, 0.36, 0.06)}
 
 
-def fit(motions: Iterable[tuple[np.ndarray, Skeleton]]) -> View:
-    """Find the smallest view that contains the default view and all figures (T, joints, 3) with a margin."""
-    low, high = np.array(DEFAULT_VIEW[:2]), np.array(DEFAULT_VIEW[2:])
+def fit(motions: Iterable[tuple[np.ndarray, Skeleton]], least: View = DEFAULT_VIEW) -> View:
+    """Find the smallest view that contains the view `least` and all figures (T, joints, 3) with a margin."""
+    low, high = np.array(least[:2]), np.array(least[2:])
     for positions, skeleton in motions:
         for start in range(0, len(positions), _PIECE):
             corners = _corners(from_the_front(positions[start : start + _PIECE], skeleton))
             low = np.minimum(low, corners.min(axis=(0, 1)) - _MARGIN)
             high = np.maximum(high, corners.max(axis=(0, 1)) + _MARGIN)
     return View(*low.tolist(), *high.tolist())
+
+
+def align(views: Sequence[View]) -> list[View]:
+    """Widen the views of figures side by side to one size, each about the middle of its own, at one height."""
+    top, bottom = min(view.top for view in views), max(view.bottom for view in views)
+    half = max(view.right - view.left for view in views) / 2
+    middles = [(view.left + view.right) / 2 for view in views]
+    return [View(middle - half, top, middle + half, bottom) for middle in middles]
 
 
 def _corners(points: dict[str, np.ndarray]) -> np.ndarray:

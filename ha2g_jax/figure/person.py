@@ -1,4 +1,7 @@
-"""Shapes of a person: trunk and legs, arms and hands, neck, face and hair."""
+"""Shapes of a person: trunk and legs, arms and hands, neck, face and hair.
+
+The measures in capitals without an underscore are also those of the body in three dimensions, `formats.body_mesh`.
+"""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -26,26 +29,41 @@ _CLOTH_EDGE = 0.003  # metres; width of the dark line around a limb and around t
 
 _DOWN = np.array([0.0, 1.0, 0.0])
 _BREADTH = 0.215  # metres from the neck to a shoulder of a trunk of average width
-_TROUSERS = (62, 66, 78)
+TROUSERS: Colour = (62, 66, 78)
+EYES: tuple[Colour, Colour] = (250, 250, 250), (60, 44, 38)  # the white and the iris
 # Sections of the trunk: metres above the spine joint, then along the lower trunk, then half the width.
-_SECTIONS = ((0.06, 0, 0.12), (0, 0, 0.163), (-0.08, 0, 0.152), (-0.16, 0, 0.146), (-0.16, 0.16, 0.160))
-_SECTIONS += ((-0.16, 0.33, 0.178), (-0.16, 0.35, 0.170), (-0.16, 0.355, 0.15))
-_THICK = 0.68  # thickness of the trunk, as a fraction of its width
+SECTIONS = ((0.06, 0, 0.12), (0, 0, 0.163), (-0.08, 0, 0.152), (-0.16, 0, 0.146), (-0.16, 0.16, 0.160))
+SECTIONS += ((-0.16, 0.33, 0.178), (-0.16, 0.35, 0.170), (-0.16, 0.355, 0.15))
+THICK = 0.68  # thickness of the trunk, as a fraction of its width
 _LIT = np.array([-0.008, -0.012, 0.0])  # metres; the light comes from the upper left of the image
 
-_FINGERS = ("thumb", "index", "middle", "ring", "pinky")
+SLEEVE = (0.057, 0.0445, 0.034)  # metres; radii at shoulder, elbow and hem
+CUFF = 0.92  # fraction of the forearm that the sleeve covers
+WRIST = (0.027, 0.025)  # metres; radii of the forearm below the sleeve
+FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 _HAND_EDGE = 0.0028  # metres
-_RADII = np.array((0.0125, 0.0105, 0.011, 0.0105, 0.009))
-_BONES = np.repeat(_RADII, 3) * np.tile([1.08, 1.0, 0.94], 5)
-_TIPS = np.repeat(_RADII, 3) * np.tile([1.0, 0.94, 0.8], 5)
+FINGER_RADII = np.array((0.0125, 0.0105, 0.011, 0.0105, 0.009))
+FINGER_TIP = 0.026  # metres from the last joint of a finger
+_BONES = np.repeat(FINGER_RADII, 3) * np.tile([1.08, 1.0, 0.94], 5)
+_TIPS = np.repeat(FINGER_RADII, 3) * np.tile([1.0, 0.94, 0.8], 5)
 _OUT = 0.4  # fraction of the first bone of a finger that has no edge within the palm
 # Metres from the wrist, and radii.
-_MITTEN = (
+MITTEN = (
     *((0.0, 0.026), (0.025, 0.0315), (0.05, 0.0350), (0.075, 0.0355)),
     *((0.1, 0.033), (0.125, 0.0285), (0.145, 0.022)),
 )
 
-_HEAD_SIZE = 1.16  # factor of a head that is 0.23 m high
+HEAD_SIZE = 1.16  # factor of a head that is 0.23 m high
+# Metres on a head of size 1, as across, tall; the places below are from its centre to its left, up and ahead.
+FACE = (0.086, 0.116)
+THROAT = (0.061, 0.055)  # metres; radii at the collar and below the chin
+EAR = (0.086, -0.012, -0.01), (0.017, 0.027)  # place and half axes
+EYE_WHITE = (0.033, -0.004, 0.080), (0.0150, 0.0088)
+IRIS = (0.033, -0.004, 0.083), (0.0078, 0.0084)
+LID = ((0.016, -0.004), (0.024, 0.005), (0.036, 0.0075), (0.049, 0.001), (0.036, 0.001))
+BROW = ((0.017, 0.022), (0.034, 0.029), (0.053, 0.020), (0.034, 0.0235))
+NOSE = ((0.0, 0.0, 0.088), (0.011, -0.034, 0.104), (0.0, -0.040, 0.106), (-0.011, -0.034, 0.104))
+LIPS = ((-0.026, -0.061, 0.078), (0.0, -0.068, 0.088), (0.026, -0.061, 0.078), (0.0, -0.076, 0.086))
 _MOST_TURNED = 0.4  # sine of the angle between the hair over the forehead and the camera
 _FRONT = ((-0.060, 0.030, 0.082), (0.060, 0.030, 0.082), (-0.058, -0.020, 0.080), (0.058, -0.020, 0.080))
 _FRONT += ((0.0, 0.060, 0.085), (0.0, -0.040, 0.098), (-0.03, -0.075, 0.075), (0.03, -0.075, 0.075), (0.0, -0.1, 0.07))
@@ -98,21 +116,21 @@ def _outlines(
         webs.append(around((sleeve, 0.044 * build), (flank + 0.12 * (1 - close) * up, 0.07 * build)))
     belly = smooth(_sections(points, up, below, build, margin), detail)
     shirt = [*webs, belly, around(*chest), around(*yoke)]
-    return [*((leg, _TROUSERS) for leg in legs), *((cloth, look.shirt) for cloth in shirt)]
+    return [*((leg, TROUSERS) for leg in legs), *((cloth, look.shirt) for cloth in shirt)]
 
 
 def _sections(
     points: dict[str, np.ndarray], up: np.ndarray, below: np.ndarray, build: np.ndarray, margin: float
 ) -> np.ndarray:
     """Return the corners (T, n, 2) of the outline of elliptic sections of the trunk, two for each section."""
-    levels = [points["spine"] + above * up + low * below for above, low, _ in _SECTIONS]
+    levels = [points["spine"] + above * up + low * below for above, low, _ in SECTIONS]
     middles = np.stack(levels, axis=1)
     line = project(middles)
     along = np.gradient(line, axis=1)
     normal = unit(np.stack([along[..., 1], -along[..., 0]], axis=-1))
     across, ahead = unit(points["left_shoulder"] - points["right_shoulder"]), facing(points)
-    half = np.hypot(dot(normal, across[:, None, :2]), _THICK * dot(normal, ahead[:, None, :2]))
-    half = half * build[:, None, None] * np.array([width for _, _, width in _SECTIONS])[:, None] + margin
+    half = np.hypot(dot(normal, across[:, None, :2]), THICK * dot(normal, ahead[:, None, :2]))
+    half = half * build[:, None, None] * np.array([width for _, _, width in SECTIONS])[:, None] + margin
     half = half * enlarged(middles[..., 2:])
     return np.concatenate([line + half * normal, (line - half * normal)[:, ::-1]], axis=1)
 
@@ -143,21 +161,21 @@ def arm_shapes(points: dict[str, np.ndarray], side: str, look: Look, detail: int
     def lower(part: float) -> np.ndarray:
         return elbow + part * (wrist - elbow)
 
-    top, joint, hem, edge = 0.057 * look.build, 0.0445 * look.build, 0.034 * look.build, _CLOTH_EDGE
+    top, joint, hem, edge = *(radius * look.build for radius in SLEEVE), _CLOTH_EDGE
     dark, light, skin = shade(look.shirt, 0.70), shade(look.shirt, 1.07), shade(look.skin, 0.84)
     # There is no edge between sleeve and trunk, so over the trunk the edge starts below the shoulder.
     rows = [
         (shoulder, elbow, top + edge, joint + edge, dark),
         (upper(0.3), elbow, top - 0.006, joint + edge, dark),
-        (elbow, lower(0.92), joint + edge, hem + edge, dark),
+        (elbow, lower(CUFF), joint + edge, hem + edge, dark),
         (upper(0.3), upper(0.7), top - 0.003, joint + 0.004 + edge, dark),
         (shoulder, elbow, top, joint, look.shirt),
         (upper(0.3) + _LIT, upper(0.97) + _LIT, 0.4 * top, 0.42 * joint, light),
-        (lower(0.92), wrist, 0.027, 0.025, skin),
-        (lower(0.35), lower(0.92), joint - 0.006, hem + edge, dark),
-        (elbow, lower(0.92), joint, hem, look.shirt),
+        (lower(CUFF), wrist, *WRIST, skin),
+        (lower(0.35), lower(CUFF), joint - 0.006, hem + edge, dark),
+        (elbow, lower(CUFF), joint, hem, look.shirt),
         (lower(0.03) + _LIT, lower(0.88) + _LIT, 0.42 * joint, 0.42 * hem, light),
-        (lower(0.87), lower(0.92), hem + 0.002, hem + 0.002, shade(look.shirt, 0.82)),
+        (lower(0.87), lower(CUFF), hem + 0.002, hem + 0.002, shade(look.shirt, 0.82)),
     ]
     starts, ends, wide, narrow, colours = zip(*rows, strict=True)
     outlines = capsules(np.stack(starts, axis=1), np.stack(ends, axis=1), np.array(wide), np.array(narrow), detail)
@@ -174,11 +192,11 @@ def hand_parts(points: dict[str, np.ndarray], side: str, look: Look, detail: int
     behind = np.full(len(wrist), np.inf)
     if f"{side}_index_1" not in points:
         along = unit(wrist - points[f"{side}_elbow"])
-        centres = np.stack([wrist + far * along for far, _ in _MITTEN], axis=1)
-        radii = np.array([radius for _, radius in _MITTEN])
+        centres = np.stack([wrist + far * along for far, _ in MITTEN], axis=1)
+        radii = np.array([radius for _, radius in MITTEN])
         mitten = Shape(hull(centres, radii, detail), edge), Shape(hull(centres, radii - 0.0035, detail), lit)
         return [Part(behind, list(mitten))]
-    chains = np.stack([_finger_chain(points, side, finger) for finger in _FINGERS], axis=1)
+    chains = np.stack([_finger_chain(points, side, finger) for finger in FINGERS], axis=1)
     starts, ends = chains[:, :, :-1].reshape(-1, 15, 3), chains[:, :, 1:].reshape(-1, 15, 3)
     # The palm: the hull of the wrist and the four knuckles, and the ball of the thumb.
     discs = np.concatenate([wrist[:, None], chains[:, 1:, 0]], axis=1)
@@ -208,7 +226,7 @@ def _finger_chain(points: dict[str, np.ndarray], side: str, finger: str) -> np.n
     """Return the (T, 4, 3) joints of a finger and its tip, which is extrapolated because skeletons have no tips."""
     first, second, third = (points[f"{side}_{finger}_{part}"] for part in (1, 2, 3))
     ahead, last = second - first, third - second
-    tip = third + 0.026 * unit(unit(last) + 0.4 * (unit(last) - unit(ahead)))
+    tip = third + FINGER_TIP * unit(unit(last) + 0.4 * (unit(last) - unit(ahead)))
     return np.stack([first, second, third, tip], axis=1)
 
 
@@ -225,14 +243,14 @@ def head_frame(points: dict[str, np.ndarray]) -> np.ndarray:
         up = np.where(up[:, 1:2] < 0, up, -up)
         tilt = np.deg2rad(-18)
         ahead, up = np.cos(tilt) * ahead - np.sin(tilt) * up, np.cos(tilt) * up + np.sin(tilt) * ahead
-        return np.stack([ears + 0.012 * up + 0.055 * ahead, *(_HEAD_SIZE * axis for axis in (left, up, ahead))])
+        return np.stack([ears + 0.012 * up + 0.055 * ahead, *(HEAD_SIZE * axis for axis in (left, up, ahead))])
     top = points["head"] if "head" in points else points["nose"]
     up = unit(top - neck)
     left = points["left_shoulder"] - points["right_shoulder"]
     left = unit(left - dot(left, up) * up)
     ahead = points["nose"] - neck
     ahead = unit(ahead - dot(ahead, up) * up - dot(ahead, left) * left)
-    return np.stack([neck + 0.19 * up + 0.02 * ahead, *(_HEAD_SIZE * axis for axis in (left, up, ahead))])
+    return np.stack([neck + 0.19 * up + 0.02 * ahead, *(HEAD_SIZE * axis for axis in (left, up, ahead))])
 
 
 def hair_behind(head: np.ndarray, look: Look, detail: int) -> list[Shape]:
@@ -257,28 +275,32 @@ def head_shapes(points: dict[str, np.ndarray], head: np.ndarray, look: Look, det
     dark, blush = shade(look.skin, 0.80), shade(look.skin, 0.90)
     low, high = points["neck"] + 0.02 * facing(points) + 0.1 * (head[0] - points["neck"]), head[0] - 0.05 * head[2]
     ends = np.stack([low, low], axis=1), np.stack([low, high], axis=1)
-    collar, throat = capsules(*ends, np.array([0.0655, 0.061]), np.array([0.0655, 0.055]), detail)
+    collar, throat = capsules(*ends, np.array([0.0655, THROAT[0]]), np.array([0.0655, THROAT[1]]), detail)
     shapes = [Shape(collar, shade(look.shirt, 0.76)), Shape(throat, dark)]
-    face = _ellipse(head, (0, 0, 0), 0.086, 0.116, detail, flat=False)
+    face = _ellipse(head, (0, 0, 0), *FACE, detail, flat=False)
     for side in (-1, 1):
-        shapes.append(Shape(_ellipse(head, (side * 0.086, -0.012, -0.01), 0.017, 0.027, detail, flat=False), blush))
+        shapes.append(Shape(_ellipse(head, _beside(side, EAR[0]), *EAR[1], detail, flat=False), blush))
     # Where the head is turned, the front of the face with the eyes is beyond the ellipse.
     front = np.concatenate([face, _places(head, _FRONT)], axis=1)
     shapes.append(Shape(hull_of(front, detail), look.skin))
     shapes.append(Shape(_fringe(head, look, detail), look.hair))
     for side in (-1, 1):
-        lid = [(0.016, -0.004), (0.024, 0.005), (0.036, 0.0075), (0.049, 0.001), (0.036, 0.001)]
-        brow = [(0.017, 0.022), (0.034, 0.029), (0.053, 0.020), (0.034, 0.0235)]
-        shapes.append(Shape(_ellipse(head, (side * 0.033, -0.004, 0.080), 0.0150, 0.0088, detail), (250, 250, 250)))
-        shapes.append(Shape(_ellipse(head, (side * 0.033, -0.004, 0.083), 0.0078, 0.0084, detail), (60, 44, 38)))
-        shapes.append(Shape(_curve(head, [(side * x, y, 0.084) for x, y in lid]), shade(look.hair, 0.55)))
-        shapes.append(Shape(_curve(head, [(side * x, y, 0.085) for x, y in brow]), shade(look.hair, 0.85)))
-    nose = [(0.0, 0.0, 0.088), (0.011, -0.034, 0.104), (0.0, -0.040, 0.106), (-0.011, -0.034, 0.104)]
-    shapes.append(Shape(_curve(head, nose), blush))
-    lips = [(-0.026, -0.061, 0.078), (0.0, -0.068, 0.088), (0.026, -0.061, 0.078), (0.0, -0.076, 0.086)]
-    lip_colour = (int(0.80 * look.skin[0]), int(0.58 * look.skin[1]), int(0.58 * look.skin[2]))
-    shapes.append(Shape(_curve(head, lips), lip_colour))
+        for (place, axes), colour in zip((EYE_WHITE, IRIS), EYES, strict=True):
+            shapes.append(Shape(_ellipse(head, _beside(side, place), *axes, detail), colour))
+        shapes.append(Shape(_curve(head, [(side * x, y, 0.084) for x, y in LID]), shade(look.hair, 0.55)))
+        shapes.append(Shape(_curve(head, [(side * x, y, 0.085) for x, y in BROW]), shade(look.hair, 0.85)))
+    shapes.append(Shape(_curve(head, NOSE), blush))
+    shapes.append(Shape(_curve(head, LIPS), lip_colour(look)))
     return shapes
+
+
+def lip_colour(look: Look) -> Colour:
+    """Return the colour of the lips on the skin of a look."""
+    return int(0.80 * look.skin[0]), int(0.58 * look.skin[1]), int(0.58 * look.skin[2])
+
+
+def _beside(side: int, place: tuple[float, float, float]) -> tuple[float, float, float]:
+    return (side * place[0], *place[1:])
 
 
 def _fringe(head: np.ndarray, look: Look, detail: int) -> np.ndarray:
@@ -304,22 +326,22 @@ def _ellipse(
 
 def _upright(head: np.ndarray) -> np.ndarray:
     """Return the head turned to the camera, with the inclination that it has in the picture."""
-    up = _HEAD_SIZE * unit(head[2] * np.array([1, 1, 0]))
+    up = HEAD_SIZE * unit(head[2] * np.array([1, 1, 0]))
     left = np.stack([-up[:, 1], up[:, 0], np.zeros(len(up))], axis=-1)
-    return np.stack([head[0], left, up, np.broadcast_to([0.0, 0.0, -_HEAD_SIZE], up.shape)])
+    return np.stack([head[0], left, up, np.broadcast_to([0.0, 0.0, -HEAD_SIZE], up.shape)])
 
 
 def _half_turned(head: np.ndarray) -> np.ndarray:
     """Return the head turned away from the camera by at most 24 degrees, so that no outline on it is folded."""
-    _, left, up, ahead = _upright(head) / _HEAD_SIZE
-    sideways, upwards = (np.clip(dot(head[3] / _HEAD_SIZE, axis), -_MOST_TURNED, _MOST_TURNED) for axis in (left, up))
+    _, left, up, ahead = _upright(head) / HEAD_SIZE
+    sideways, upwards = (np.clip(dot(head[3] / HEAD_SIZE, axis), -_MOST_TURNED, _MOST_TURNED) for axis in (left, up))
     ahead = unit(sideways * left + upwards * up + np.sqrt(1 - sideways**2 - upwards**2) * ahead)
     left = unit(left - dot(left, ahead) * ahead)
     up = unit(up - dot(up, ahead) * ahead - dot(up, left) * left)
-    return np.stack([head[0], *(_HEAD_SIZE * axis for axis in (left, up, ahead))])
+    return np.stack([head[0], *(HEAD_SIZE * axis for axis in (left, up, ahead))])
 
 
-def _curve(head: np.ndarray, places: list[tuple[float, float, float]], detail: int = 1) -> np.ndarray:
+def _curve(head: np.ndarray, places: Sequence[tuple[float, float, float]], detail: int = 1) -> np.ndarray:
     return smooth(_places(head, places), detail)
 
 

@@ -19,6 +19,7 @@ from ha2g_jax.figure.shapes import Colour, Look, light_behind
 from ha2g_jax.skeleton import Skeleton
 
 _INK = (70, 74, 82)
+_STRIP = 0.018  # half of the height of the strip for names, as a fraction of the smaller side of the image
 _NAME_SCALES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5)  # of the size of a name, of which the first that fits its panel is taken
 _RED, _GREEN, _BLUE = 0.2126, 0.7152, 0.0722  # weights of BT.709
 
@@ -64,24 +65,38 @@ class Drawing(NamedTuple):
     reds: tuple[int, ...]
 
 
-def panels(count: int, width: int, height: int) -> tuple[Panel, ...]:
-    """Divide an image into panels in rows from the left, with the number of columns that makes the figures largest."""
-    columns = max(range(1, count + 1), key=lambda columns: min(width // columns, height // math.ceil(count / columns)))
+def panels(count: int, width: int, height: int, shape: float = 1.0, strip: int = 0) -> tuple[Panel, ...]:
+    """Divide an image into panels in rows from the left, with the number of columns that makes the figures largest.
+
+    Args:
+        shape: width of the view of a figure, divided by its height.
+        strip: pixels above each panel, for its name.
+    """
+    columns = max(
+        range(1, count + 1),
+        key=lambda columns: min(width / columns / shape, height / math.ceil(count / columns) - strip),
+    )
     rows = math.ceil(count / columns)
     xs = [2 * (width * column // (2 * columns)) for column in range(columns + 1)]
     ys = [2 * (height * row // (2 * rows)) for row in range(rows + 1)]
     places = [(index % columns, index // columns) for index in range(count)]
-    return tuple(Panel(xs[x], ys[y], xs[x + 1] - xs[x], ys[y + 1] - ys[y]) for x, y in places)
+    return tuple(Panel(xs[x], ys[y] + strip, xs[x + 1] - xs[x], ys[y + 1] - ys[y] - strip) for x, y in places)
 
 
-def set_stage(names: Sequence[str], background: Colour, width: int, height: int) -> Stage:
-    """Prepare the image without figures, with a panel for each name, "" for a figure without one."""
-    places = panels(len(names), width, height)
+def set_stage(names: Sequence[str], background: Colour, width: int, height: int, views: Sequence[View]) -> Stage:
+    """Prepare the image without figures, with a panel for each name, "" for a figure without one.
+
+    The size of the views, which is the same for all, decides how many panels are side by side. A name is a line above
+    its figure.
+    """
+    strip = 2 * round(_STRIP * min(width, height)) if any(names) else 0
+    shape = (views[0].right - views[0].left) / (views[0].bottom - views[0].top)
+    places = panels(len(names), width, height, shape, strip)
     brightness, blue, red = to_yuv(background)
     backdrop = np.rint(16 + (brightness - 16) * light_behind(width, height)).astype(np.uint8)
     canvas = Image.fromarray(backdrop).resize((2 * width, 2 * height), Image.Resampling.NEAREST)
-    for name, panel in zip(names, places, strict=True):
-        _write_name(canvas, name, panel)
+    for name, panel, view in zip(names, places, views, strict=True):
+        _write_name(canvas, name, panel, view, strip)
     blues, reds = (np.full((height // 2, width // 2), round(value), np.uint8) for value in (blue, red))
     return Stage(places, background, (np.asarray(canvas.reduce(2)), blues, reds), canvas)
 
@@ -153,17 +168,17 @@ def _fill(
         pen.polygon(corners[start:end], fill=values[shape])
 
 
-def _write_name(canvas: Image.Image, name: str, panel: Panel) -> None:
-    """Write a name into the upper left corner of its panel, where the figure seldom is, a long one smaller."""
+def _write_name(canvas: Image.Image, name: str, panel: Panel, view: View, strip: int) -> None:
+    """Write a name into the strip above the view in its panel, a long one smaller."""
     if not name:
         return
-    side = 2 * min(panel.width, panel.height)
-    width = 2 * panel.width - side / 12
-    fonts = (ImageFont.load_default(scale * side / 18) for scale in _NAME_SCALES)
+    scale, spine = view.place(panel.width, panel.height)
+    x, y = 2 * (panel.left + spine[0]), 2 * (panel.top + spine[1] + view.top * scale) - strip
+    width = 4 * min(spine[0], panel.width - spine[0]) - strip
+    fonts = (ImageFont.load_default(scale * 1.2 * strip) for scale in _NAME_SCALES)
     font = next((font for font in fonts if font.getlength(name) <= width), None)
     if font is None:
-        font = ImageFont.load_default(_NAME_SCALES[-1] * side / 18)
+        font = ImageFont.load_default(_NAME_SCALES[-1] * 1.2 * strip)
         while font.getlength(name) > width:
             name = name[:-1]
-    place = 2 * panel.left + side / 24, 2 * panel.top + side / 24
-    ImageDraw.Draw(canvas).text(place, name, fill=round(to_yuv(_INK)[0]), font=font, anchor="lt")
+    ImageDraw.Draw(canvas).text((x, y), name, fill=round(to_yuv(_INK)[0]), font=font, anchor="mm")

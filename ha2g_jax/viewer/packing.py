@@ -1,6 +1,8 @@
 """Compact encoding of motion and sound for a page."""
 
 import base64
+import dataclasses
+import functools
 import io
 import zlib
 from typing import Any
@@ -9,10 +11,14 @@ import av
 import numpy as np
 import soxr
 
+from ha2g_jax.figure import CAMERAS, SHIRTS, Colour
 from ha2g_jax.motion.armature import export_axes
 from ha2g_jax.motion.formats import video
+from ha2g_jax.motion.formats.body_mesh import COLOURS, body_mesh
+from ha2g_jax.motion.formats.gltf import figure_armature
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.skeleton import Skeleton, normalize
+from ha2g_jax.motion.rigs import rest_positions
+from ha2g_jax.skeleton import Skeleton, load_skeleton, normalize
 
 PEAK_RATE = 50  # peaks of the waveform per second
 # 12 bits per octahedral coordinate: the error of a direction is at most 0.07 degrees, of a fingertip below 1 mm.
@@ -41,6 +47,50 @@ def pack_motion(motion: Motion) -> dict[str, Any]:
         **describe_skeleton(skeleton),
         "directions": deflated(planes.tobytes()),
     }
+
+
+def pack_body(skeleton: Skeleton) -> dict[str, Any]:
+    """Encode the body of a `.glb` for a page, at rest with its spine at the origin.
+
+    Returns:
+        JSON values: "joints" of the armature, each a name, the index of its parent and its place in metres; "parts",
+        each with the name and colour of a material, and its numbers of points and faces; "points" in tenths of a
+        millimetre, a row over all points for each axis, as differences, int16; "bindings", four joints and then four
+        weights of 0 to 255 for each point, uint8; "faces", the three points of each, as differences, int16; "shirts",
+        the colours of figures side by side; "view", the smallest that is shown.
+    """
+    return _pack_body(skeleton.name, tuple(np.round(skeleton.lengths, 5).tolist()))
+
+
+@functools.lru_cache(maxsize=16)
+def _pack_body(name: str, lengths: tuple[float, ...]) -> dict[str, Any]:
+    armature = figure_armature(dataclasses.replace(load_skeleton(name), lengths=np.array(lengths)))
+    _, places = rest_positions(armature)
+    surfaces = body_mesh(armature)
+    bindings = [surface.bindings for surface in surfaces.values()]
+    weights = [np.rint(255 * weights).astype(np.uint8) for _, weights in bindings]
+    points = np.rint(1e4 * np.concatenate([surface.points for surface in surfaces.values()])).T
+    faces = np.concatenate([surface.faces.reshape(-1) for surface in surfaces.values()])
+    return {
+        "joints": [
+            [joint, parent, place]
+            for joint, parent, place in zip(armature.joints, armature.parents, places.round(5).tolist())
+        ],
+        "parts": [
+            [colour, _hex(COLOURS[colour][0]), len(part.points), len(part.faces)] for colour, part in surfaces.items()
+        ],
+        "points": deflated(np.diff(points, axis=1, prepend=0).astype("<i2").tobytes()),
+        "bindings": deflated(
+            np.concatenate([*(joints for joints, _ in bindings), *weights]).astype(np.uint8).tobytes()
+        ),
+        "faces": deflated(np.diff(faces, prepend=0).astype("<i2").tobytes()),
+        "shirts": [_hex(shirt) for shirt in SHIRTS],
+        "view": list(CAMERAS["body"]),
+    }
+
+
+def _hex(colour: Colour) -> str:
+    return "#{:02x}{:02x}{:02x}".format(*colour)
 
 
 def describe_skeleton(skeleton: Skeleton) -> dict[str, Any]:

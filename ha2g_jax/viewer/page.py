@@ -17,16 +17,26 @@ import numpy as np
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.text import Word
+from ha2g_jax.figure import CAMERAS
 from ha2g_jax.files.writing import whole_file
 from ha2g_jax.limits import MAX_MOTION_FRAMES
 from ha2g_jax.motion.armature import export_axes
 from ha2g_jax.motion.control.parts import rest_pose
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import Skeleton
-from ha2g_jax.viewer.packing import LEVELS, PEAK_RATE, deflated, describe_skeleton, encode_sound, pack_motion, peaks
+from ha2g_jax.viewer.packing import (
+    LEVELS,
+    PEAK_RATE,
+    deflated,
+    describe_skeleton,
+    encode_sound,
+    pack_body,
+    pack_motion,
+    peaks,
+)
 
 MAX_MOTIONS = 12
-_FIGURE = ("motion.js", "loft.js", "head.js", "arm.js", "body.js", "stage.js")
+_FIGURE = ("motion.js", "body.js", "stage.js")
 _SCRIPTS = (*_FIGURE, "timeline.js", "player.js")
 _LIVE_SCRIPTS = (*_FIGURE, "arriving.js", "capture.js", "conversation.js", "live.js", "speaking.js", "watching.js")
 _DECIMALS = 4  # of directions
@@ -64,6 +74,7 @@ def view(
     sample_rate: int = SAMPLE_RATE,
     words: Sequence[Word] = (),
     *,
+    camera: str = "body",
     height: int = 620,
 ) -> Page:
     """Build a page that plays motions side by side with their sound and loads nothing from the network.
@@ -73,6 +84,7 @@ def view(
     Args:
         motions: one motion, or several by name, in order from left to right.
         audio: (samples,) float32 mono sound; None for silence.
+        camera: one of `figure.CAMERAS`, as of `write_video`.
 
     Raises:
         UserError: there is no motion, there are too many, or one is too long or not valid (see `Motion.check`), or the
@@ -85,8 +97,15 @@ def view(
     if audio is not None and not np.isfinite(audio).all():
         raise UserError("the sound has samples that are not finite; read or compute it again")
     duration = max(motion.num_frames / motion.fps for motion in motions.values())
+    packed = [pack_body(motion.skeleton) for motion in motions.values()]
+    bodies = [body for index, body in enumerate(packed) if packed.index(body) == index]
     content = {
-        "motions": [{"name": name, **pack_motion(motion)} for name, motion in motions.items()],
+        "motions": [
+            {"name": name, "body": bodies.index(body), **pack_motion(motion)}
+            for (name, motion), body in zip(motions.items(), packed, strict=True)
+        ],
+        "bodies": bodies,
+        "view": CAMERAS[camera],
         "levels": LEVELS,
         "words": [[word.text, round(word.start, 3), round(word.end, 3)] for word in words],
         "sound": None,
@@ -226,6 +245,7 @@ def _figure(skeleton: Skeleton, fps: float) -> dict[str, Any]:
     return {
         "fps": fps,
         **describe_skeleton(skeleton),
+        "body": pack_body(skeleton),
         "axes": export_axes(skeleton).tolist(),
         "rest": np.round(rest_pose(skeleton).reshape(-1).astype(np.float64), _DECIMALS).tolist(),
     }

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from ha2g_jax.figure import (
+    CAMERAS,
     DEFAULT_LOOK,
     DEFAULT_VIEW,
     View,
+    align,
     arm_ranks,
     draw_figure,
     fit,
@@ -125,7 +127,7 @@ def test_panels_fill_the_picture_and_do_not_overlap(count, size, columns, rows):
 def test_a_figure_stays_in_its_panel():
     skeleton = load_skeleton("ted_expressive")
     wide = posed(skeleton, WIDE)[None]
-    empty = stage.set_stage(["", ""], DEFAULT_LOOK.background, 160, 80)
+    empty = stage.set_stage(["", ""], DEFAULT_LOOK.background, 160, 80, 2 * [DEFAULT_VIEW])
     drawings = [stage.draw(empty, 0, 3 * wide, skeleton, DEFAULT_LOOK)]
     planes = [np.zeros_like(plane) for plane in empty.clean]
     stage.paint(empty, drawings, 0, planes)
@@ -212,6 +214,35 @@ def test_the_view_contains_the_figure_at_any_amplitude(name, length):
             places = np.concatenate(drawn, axis=1) * scale + spine
             assert (places > 0.02 * scale).all()
             assert (places < np.array([width, height]) - 0.02 * scale).all()
+
+
+@pytest.mark.parametrize("count", [1, 2, 4, 5])
+def test_names_are_above_the_figures(count):
+    skeleton = load_skeleton("ted_expressive")
+    clips = [posed(skeleton, bones)[None] for bones in (*POSES.values(), WIDE)][:count]
+    views = align([fit([(clip, skeleton)], CAMERAS["close"]) for clip in clips])
+    assert len({(view.top, view.bottom, round(view.right - view.left, 9)) for view in views}) == 1
+    names = [f"take {index}" for index in range(count)]
+    named, empty = (
+        stage.set_stage(each, DEFAULT_LOOK.background, 640, 360, views) for each in (names, ["   "] * count)
+    )
+    drawings = [stage.draw(named, i, clip, skeleton, DEFAULT_LOOK, views[i]) for i, clip in enumerate(clips)]
+    written = np.abs(named.clean[0].astype(int) - empty.clean[0]) > 20
+    for panel, drawing in zip(named.panels, drawings, strict=True):
+        (left, top), (right, bottom) = drawing.boxes[0]
+        assert panel.left < left and panel.top < top and right < panel.left + panel.width
+        assert not written[top:bottom, left:right].any()
+        assert written[: panel.top + panel.height, panel.left : panel.left + panel.width].any()
+
+
+def test_cameras_contain_the_hands_and_the_close_one_no_more_than_it_must():
+    skeleton = load_skeleton("ted_expressive")
+    high, low = posed(skeleton, POSES["up"])[None], posed(skeleton, {})[None]
+    close, body = (fit([(high, skeleton)], CAMERAS[name]) for name in ("close", "body"))
+    assert close.bottom < 0.2 < 0.5 < body.bottom
+    assert close[:3] == body[:3]
+    resting = fit([(low, skeleton)], CAMERAS["close"])
+    assert resting.bottom > project(from_the_front(low, skeleton)["left_middle_3"])[0, 1] + 0.05
 
 
 def test_a_view_is_never_smaller_than_the_default_and_that_of_two_motions_contains_both():

@@ -60,6 +60,26 @@ async function main() {
   await page.screenshot({ path: path.join(folder, "dark.png") });
   await page.keyboard.press("b");
 
+  // How far joints are from the edges of their parts of the page, in pixels, at any time: below 0 is outside.
+  seen.inside = {};
+  for (const [width, height] of [[1280, 800], [390, 844]]) {
+    await page.setViewportSize({ width, height });
+    await page.waitForFunction(([width]) => viewer.stage.holder.clientWidth === width && !viewer.stage.isStale, [width]);
+    seen.inside[width] = await page.evaluate(() => {
+      const { stage, motions } = viewer, room = [];
+      for (let time = 0; time <= 2; time += 0.1) {
+        motions.forEach((motion, i) => stage.bodies[i].pose(motion.positionsAt(time)));
+        motions.forEach((motion, i) => motion.joints.forEach((name) => {
+          const { x, y } = stage.onScreen(i, name), part = stage.parts[i];
+          room.push(x - part.x, part.x + part.width - x, y - part.y, part.y + part.height - y);
+        }));
+      }
+      return Math.min(...room);
+    });
+    await page.screenshot({ path: path.join(folder, `${width}.png`) });
+  }
+  await page.setViewportSize({ width: 900, height: 640 });
+
   seen.keys = {};
   for (const key of [".", ",", "ArrowRight", "End", "Home"]) seen.keys[key] = await press(page, key);
   seen.keys.faster = await press(page, "ArrowUp").then(() => page.evaluate(() => viewer.clock.audio.playbackRate));

@@ -70,6 +70,10 @@ def test_joints_of_a_frame_are_kept_to_a_millimetre(seen, motions):
     assert np.abs(np.array(list(joints.values())) - exact).max() < 0.001
 
 
+def test_no_hand_is_cut_off_on_a_desktop_or_a_phone(seen):
+    assert min(seen["inside"].values()) > 8  # pixels
+
+
 def test_pictures_go_with_the_sound_to_the_end(seen):
     drawn = np.array(seen["drawn"])
     assert seen["wasPlaying"]

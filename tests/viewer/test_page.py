@@ -15,10 +15,12 @@ from fixtures.pages import Page
 from ha2g_jax import cli
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Word
+from ha2g_jax.motion.formats.body_mesh import body_mesh
+from ha2g_jax.motion.formats.gltf import figure_armature
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import normalize
 from ha2g_jax.viewer import view
-from ha2g_jax.viewer.packing import LEVELS, PEAK_RATE, encode_sound, octahedral, pack_motion, peaks
+from ha2g_jax.viewer.packing import LEVELS, PEAK_RATE, encode_sound, octahedral, pack_body, pack_motion, peaks
 
 
 def content_of(text):
@@ -146,6 +148,22 @@ def test_a_motion_is_unpacked_in_the_axes_of_the_page(name):
     assert degrees_between(unfold(codes), motion.directions * AXES[name]).max() < 0.07
     assert packed["joints"] == list(motion.joint_names)
     assert packed["lengths"] == pytest.approx(motion.skeleton.lengths, abs=1e-5)
+
+
+def test_a_body_is_unpacked_to_a_tenth_of_a_millimetre():
+    skeleton = swaying().skeleton
+    packed = pack_body(skeleton)
+    kinds = {"points": np.int16, "bindings": np.uint8, "faces": np.int16}
+    points, bindings, faces = (np.frombuffer(zlib.decompress(base64.b64decode(packed[n])), k) for n, k in kinds.items())
+    surfaces = list(body_mesh(figure_armature(skeleton)).values())
+    assert [tuple(part[2:]) for part in packed["parts"]] == [(len(part.points), len(part.faces)) for part in surfaces]
+    exact = np.concatenate([part.points for part in surfaces])
+    assert np.abs(np.cumsum(points.reshape(3, -1), axis=1).T / 1e4 - exact).max() < 1e-4
+    assert np.cumsum(faces.astype(int)).tolist() == np.concatenate([part.faces.ravel() for part in surfaces]).tolist()
+    joints, weights = bindings.reshape(2, -1, 4).astype(int)
+    influence = np.zeros((len(exact), len(packed["joints"])))
+    np.add.at(influence, (np.arange(len(exact))[:, None], joints), weights / 255)
+    assert np.abs(influence - np.concatenate([part.influence for part in surfaces])).max() < 0.01
 
 
 def test_peaks_lie_where_the_sound_is():

@@ -17,13 +17,14 @@ from ha2g_jax.files.cache import cache_folder, one_maker
 from ha2g_jax.files.reading import read_json, shown
 from ha2g_jax.files.writing import temporary_folder, writing
 from ha2g_jax.progress import stage
+from ha2g_jax.viewer.packing import pack_body
 from ha2g_jax.viewer.page import read_asset, three_library
 
 LIST = "site.json"  # names the files of a site, so that another site may take its place
 _FORMAT = "ha2g-site 1"
 _MAX_LIST_BYTES = 2**20
 # Scripts of the viewer that the page uses; it has its own for sound, controls and keys.
-_VIEWER = ("motion.js", "loft.js", "head.js", "arm.js", "body.js", "stage.js", "arriving.js", "timeline.js")
+_VIEWER = ("motion.js", "body.js", "stage.js", "arriving.js", "timeline.js")
 _STYLES = ("style.css", "live.css")
 _THREE_LICENSE = "three.js r130 (three.min.js): MIT, Copyright 2010-2021 three.js authors, see three below."
 _OLDEST_NODE = 20
@@ -89,7 +90,9 @@ def _add_model(folder: pathlib.Path, checkpoint: str | pathlib.Path, weights: st
 
     model = export(checkpoint, folder / "model.onnx", weights=weights, license=license)
     (folder / "model.json").write_text(json.dumps(page_description(model), separators=(",", ":")), encoding="utf-8")
-    write_figure(folder / "figure.glb", read(model)[0].assets.skeleton)
+    skeleton = read(model)[0].assets.skeleton
+    write_figure(folder / "figure.glb", skeleton)
+    (folder / "body.json").write_text(json.dumps(pack_body(skeleton)), encoding="utf-8")
 
 
 def _add_lists(folder: pathlib.Path) -> None:

@@ -1,120 +1,116 @@
 "use strict";
-// A dressed figure. The positions of the joints are never changed; the body is drawn around them.
+// The figure: a mesh that moves with the joints, see pack_body in ha2g_jax/viewer/packing.py, and its bones as lines.
 
-// Height above the spine, half width, half depth, offset to the front, fraction of the tilt of the chest, opacity.
-const TRUNK = [
-  [-0.43, 0.178, 0.124, -0.01, 0, 0], [-0.4, 0.179, 0.125, -0.01, 0, 0.15], [-0.35, 0.179, 0.124, -0.01, 0, 0.6],
-  [-0.29, 0.174, 0.119, -0.008, 0, 1], [-0.2, 0.16, 0.11, -0.002, 0.1, 1], [-0.11, 0.151, 0.105, 0.004, 0.35, 1],
-  [-0.02, 0.154, 0.106, 0.008, 0.7, 1], [0.06, 0.165, 0.111, 0.01, 0.95, 1], [0.13, 0.177, 0.113, 0.01, 1, 1],
-  [0.185, 0.182, 0.108, 0.006, 1, 1], [0.225, 0.176, 0.096, 0, 1, 1], [0.255, 0.155, 0.083, -0.004, 1, 1],
-  [0.28, 0.118, 0.072, -0.006, 1, 1], [0.297, 0.086, 0.066, -0.005, 1, 1], [0.309, 0.0665, 0.0625, -0.003, 1, 1],
-  [0.318, 0.0615, 0.059, -0.002, 1, 1], [0.316, 0.056, 0.054, -0.002, 1, 1], [0.3, 0.025, 0.025, -0.002, 1, 1],
-];
+// Joints whose rotation follows from several joints: the one ahead of them, and two that are side by side.
+const FRAMES = {
+  spine: ["neck", "right_shoulder", "left_shoulder"], head: ["nose", "right_ear", "left_ear"],
+  nose_0: ["head", "neck", "nose"],
+  left_wrist: ["left_middle_1", "left_pinky_1", "left_index_1"],
+  right_wrist: ["right_middle_1", "right_pinky_1", "right_index_1"],
+};
+const EDGE = 0.0028; // metres; width of the dark line around a part
+const MATERIALS = { skin: 0.62, iris: 0.25, eye_white: 0.35 }; // roughness, of others 0.85
+const ARM = /^(left|right)_(shoulder|elbow|wrist|thumb|index|middle|ring|pinky)/;
 
 class Body {
-  constructor(motion, colour) {
+  constructor(motion, shirt, onready) {
     this.motion = motion;
     this.index = new Map(motion.joints.map((name, i) => [name, i]));
     this.points = motion.joints.map(() => new THREE.Vector3());
     this.group = new THREE.Group();
-    this.paint = makePaint(colour);
-    this.trunk = this.keep(new Loft(TRUNK.length, 44, this.paint.trunk, 0.86));
-    this.fadeTrunk();
-    this.neck = this.keep(new Tube([[0, 0.060], [0.3, 0.054], [0.7, 0.052], [1, 0.054]], 24, this.paint.skin, 0));
-    this.head = makeHead(this.paint);
-    this.head.scale.setScalar(1.2);
-    this.head.matrixAutoUpdate = false;
-    this.group.add(this.head);
-    this.arms = ["left", "right"].map((side) => new Arm(side, this.paint, (name) => this.joint(name)));
-    for (const arm of this.arms) this.group.add(...arm.meshes);
     this.makeSticks();
-  }
-
-  keep(part) {
-    this.group.add(part.mesh);
-    return part;
+    this.meshes = [];
+    this.makeBones(motion.body.joints);
+    this.makeMeshes(motion.body, shirt).then(onready);
   }
 
   joint(name) {
     return this.points[this.index.get(name)];
   }
 
+  // The tree of joints of the mesh: those of the motion, and others at the same places that rotate one bone each.
+  makeBones(joints) {
+    const at = (place) => new THREE.Vector3(...place);
+    this.bones = joints.map(([name, parent, place]) => ({
+      name, parent: this.bones?.[parent], up: parent, rest: at(place), place: new THREE.Vector3(),
+      turn: new THREE.Quaternion(), node: new THREE.Bone(),
+    }));
+    const named = new Map(this.bones.map((bone) => [bone.name, bone]));
+    this.bones.forEach((bone, i) => {
+      bone.parent = this.bones[bone.up];
+      const frame = FRAMES[bone.name]?.map((name) => named.get(name));
+      if (frame?.every(Boolean)) Object.assign(bone, { frame, back: basis(bone, frame, "rest").invert() });
+      const ends = this.bones.filter(({ up, rest }) => up === i && rest.distanceTo(bone.rest) > 0);
+      if (ends.length === 1) [bone.end] = ends;
+    });
+    const inverses = this.bones.map(({ rest }) => new THREE.Matrix4().makeTranslation(-rest.x, -rest.y, -rest.z));
+    this.skeleton = new THREE.Skeleton(this.bones.map(({ node }) => node), inverses);
+  }
+
+  async makeMeshes({ parts, ...packed }, shirt) {
+    const [points, bindings, faces] = await Promise.all(["points", "bindings", "faces"].map((name) => inflated(packed[name])));
+    const count = bindings.length / 8, places = sums(points, count), corners = sums(faces, faces.length);
+    let first = 0, face = 0;
+    for (const [name, colour, size, number] of parts) {
+      const geometry = new THREE.BufferGeometry(), of = (start) => bindings.subarray(4 * start, 4 * (start + size));
+      const place = Float32Array.from({ length: 3 * size }, (_, i) => places[(i % 3) * count + first + Math.floor(i / 3)] / 1e4);
+      geometry.setAttribute("position", new THREE.BufferAttribute(place, 3));
+      geometry.setAttribute("skinIndex", new THREE.BufferAttribute(of(first), 4));
+      geometry.setAttribute("skinWeight", new THREE.BufferAttribute(of(count + first), 4, true));
+      geometry.setIndex(new THREE.BufferAttribute(Uint16Array.from(corners.subarray(face, face + 3 * number)), 1));
+      geometry.computeVertexNormals();
+      this.addMesh(geometry, name, new THREE.Color(name === "shirt" ? shirt : colour));
+      first += size;
+      face += 3 * number;
+    }
+    this.show(this.look || {});
+  }
+
+  addMesh(geometry, name, colour) {
+    const linear = colour.clone().convertSRGBToLinear();
+    const paint = new THREE.MeshStandardMaterial({ color: linear, roughness: MATERIALS[name] || 0.85 });
+    const mesh = new THREE.SkinnedMesh(geometry, paint);
+    mesh.castShadow = mesh.receiveShadow = true;
+    const edge = new THREE.SkinnedMesh(geometry, edgeOf(colour));
+    for (const part of [mesh, edge]) {
+      part.bind(this.skeleton, new THREE.Matrix4());
+      part.frustumCulled = false; // its bounds move
+      this.group.add(part);
+    }
+    // Of a figure over another one only the arms are drawn.
+    const { array } = geometry.index, joints = geometry.attributes.skinIndex.array;
+    const isArm = (corner) => ARM.test(this.bones[joints[4 * corner]].name);
+    const arms = array.filter((_, i) => isArm(array[i - (i % 3)]));
+    this.meshes.push({ mesh, edge, whole: geometry.index, arms: new THREE.BufferAttribute(arms, 1) });
+  }
+
   pose(positions) {
     this.points.forEach((point, i) => point.fromArray(positions, 3 * i));
-    this.poseTrunk();
-    this.poseHead();
-    for (const arm of this.arms) arm.pose(this.up);
+    for (const bone of this.bones) bone.place.copy(this.joint(bone.name) || bone.parent.place);
+    for (const bone of this.bones) this.turn(bone);
+    for (const { node, place, turn } of this.bones) node.matrixWorld.compose(place, turn, new THREE.Vector3(1, 1, 1));
     this.poseSticks();
   }
 
-  // The chest follows spine, neck and shoulders; the hips rotate with it but stay upright.
-  poseTrunk() {
-    const spine = this.joint("spine"), neck = this.joint("neck");
-    const up = unit(neck.clone().sub(spine));
-    const across = this.joint("left_shoulder").clone().sub(this.joint("right_shoulder"));
-    unit(across.addScaledVector(up, -across.dot(up)));
-    const level = unit(across.clone().setY(0));
-    const stretch = neck.distanceTo(spine) / 0.26, world = new THREE.Vector3(0, 1, 0);
-    this.up = up; this.across = across; this.ahead = new THREE.Vector3().crossVectors(across, up);
-    // The trunk bends: each ring is placed on the one below.
-    const centre = spine.clone(), start = TRUNK.findIndex(([height]) => height > -0.03);
-    const place = (i, from) => {
-      const [height, wide, deep, forward, tilt] = TRUNK[i];
-      const ringUp = unit(world.clone().lerp(up, tilt)), ringAcross = level.clone().lerp(across, tilt);
-      unit(ringAcross.addScaledVector(ringUp, -ringAcross.dot(ringUp)));
-      const ringAhead = new THREE.Vector3().crossVectors(ringAcross, ringUp);
-      centre.addScaledVector(ringUp, (height - from) * (height > 0 ? stretch : 1));
-      const middle = centre.clone().addScaledVector(ringAhead, forward);
-      this.trunk.setRing(i, middle, ringAcross.multiplyScalar(-wide), ringAhead.multiplyScalar(deep));
-    };
-    for (let i = start; i < TRUNK.length; i++) place(i, i === start ? 0 : TRUNK[i - 1][0]);
-    centre.copy(spine);
-    for (let i = start - 1; i >= 0; i--) place(i, i === start - 1 ? 0 : TRUNK[i + 1][0]);
-    this.trunk.finish();
-  }
-
-  poseHead() {
-    const neck = this.joint("neck"), nose = this.joint("nose");
-    let left, up, ahead, centre;
-    if (this.index.has("left_ear")) {
-      const ears = this.joint("left_ear").clone().add(this.joint("right_ear")).multiplyScalar(0.5);
-      left = unit(this.joint("left_ear").clone().sub(this.joint("right_ear")));
-      ahead = nose.clone().sub(ears);
-      unit(ahead.addScaledVector(left, -ahead.dot(left)));
-      up = new THREE.Vector3().crossVectors(ahead, left);
-      // The nose is below the ears, so the line between them is levelled.
-      const tilt = (18 * Math.PI) / 180, forward = ahead.clone();
-      ahead.multiplyScalar(Math.cos(tilt)).addScaledVector(up, Math.sin(tilt));
-      up.multiplyScalar(Math.cos(tilt)).addScaledVector(forward, -Math.sin(tilt));
-      centre = ears.addScaledVector(ahead, 0.03);
-    } else {
-      up = unit(this.joint("head").clone().sub(neck));
-      left = this.across.clone();
-      ahead = nose.clone().sub(neck);
-      unit(ahead.addScaledVector(up, -ahead.dot(up)).addScaledVector(left, -0.7 * ahead.dot(left)));
-      left = new THREE.Vector3().crossVectors(up, ahead);
-      centre = neck.clone().addScaledVector(up, 0.2).addScaledVector(ahead, 0.02);
+  turn(bone) {
+    if (bone.parent) bone.turn.copy(bone.parent.turn);
+    if (bone.frame) {
+      bone.turn.setFromRotationMatrix(basis(bone, bone.frame, "place").multiply(bone.back));
+      if (bone.parent?.end === bone) shareTwist(bone.parent, bone);
+    } else if (bone.end) {
+      const before = bone.end.rest.clone().sub(bone.rest).normalize().applyQuaternion(bone.turn);
+      const now = bone.end.place.clone().sub(bone.place).normalize();
+      bone.turn.premultiply(new THREE.Quaternion().setFromUnitVectors(before, now));
     }
-    this.head.matrix.makeBasis(left, up, ahead).scale(this.head.scale).setPosition(centre);
-    const low = neck.clone().addScaledVector(this.up, -0.01).addScaledVector(this.ahead, 0.004);
-    this.neck.pose([low, centre.clone().addScaledVector(up, -0.065).addScaledVector(ahead, -0.018)]);
-  }
-
-  fadeTrunk() {
-    const sides = this.trunk.sides, colours = new Float32Array(4 * TRUNK.length * sides).fill(1);
-    TRUNK.forEach((ring, i) => {
-      for (let s = 0; s < sides; s++) colours[4 * (i * sides + s) + 3] = ring[5];
-    });
-    this.trunk.mesh.geometry.setAttribute("color", new THREE.BufferAttribute(colours, 4));
-    this.trunk.mesh.renderOrder = 1;
   }
 
   makeSticks() {
     const geometry = new THREE.BufferGeometry();
     geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(3 * this.points.length), 3));
     geometry.setIndex(this.motion.bones.flat());
-    const lines = new THREE.LineSegments(geometry, this.paint.sticks);
-    const dots = new THREE.Points(geometry, this.paint.dots);
+    const seen = { color: 0xff5a36, depthTest: false, transparent: true };
+    const lines = new THREE.LineSegments(geometry, new THREE.LineBasicMaterial(seen));
+    const dots = new THREE.Points(geometry, new THREE.PointsMaterial({ ...seen, size: 5, sizeAttenuation: false }));
     this.sticks = new THREE.Group();
     this.sticks.add(lines, dots);
     for (const part of [lines, dots]) { part.frustumCulled = false; part.renderOrder = 3; }
@@ -128,34 +124,50 @@ class Body {
     positions.needsUpdate = true;
   }
 
-  // Bones are drawn through the body; of a figure over another one only the arms are drawn, translucent.
-  show({ hasSticks, isGhost }) {
-    const opacity = hasSticks ? 0.28 : isGhost ? 0.5 : 1;
-    for (const [name, material] of Object.entries(this.paint)) {
-      if (name === "sticks" || name === "dots") continue;
-      material.opacity = opacity;
-      material.transparent = opacity < 1 || name === "trunk";
-      material.needsUpdate = true;
+  // Bones are drawn through the body; the arms over another figure are translucent.
+  show(look) {
+    this.look = look;
+    const { hasSticks, isGhost } = look, opacity = hasSticks ? 0.28 : isGhost ? 0.5 : 1;
+    for (const { mesh, edge, whole, arms } of this.meshes) {
+      Object.assign(mesh.material, { opacity, transparent: opacity < 1, needsUpdate: true });
+      mesh.geometry.setIndex(isGhost ? arms : whole);
+      edge.visible = opacity === 1;
     }
-    for (const part of [this.trunk.mesh, this.neck.mesh, this.head]) part.visible = !isGhost;
-    this.sticks.visible = hasSticks;
+    this.sticks.visible = Boolean(hasSticks);
   }
 }
 
-function unit(vector) {
-  return vector.divideScalar(Math.max(vector.length(), 1e-8));
+// The numbers of which `bytes` has the differences along rows of a length, int16.
+function sums(bytes, length) {
+  const numbers = new Int32Array(new Int16Array(bytes.buffer));
+  for (let i = 1; i < numbers.length; i++) if (i % length) numbers[i] += numbers[i - 1];
+  return numbers;
 }
 
-function makePaint(colour) {
-  const matt = (hex, roughness, more = {}) => new THREE.MeshStandardMaterial({
-    color: new THREE.Color(hex).convertSRGBToLinear(), roughness, metalness: 0, ...more,
+// Axes of which the first points from a bone to the joint ahead, and the second nearly from one joint to the other.
+function basis(bone, [ahead, one, other], key) {
+  const x = ahead[key].clone().sub(bone[key]).normalize(), z = new THREE.Vector3();
+  z.crossVectors(x, other[key].clone().sub(one[key])).normalize();
+  return new THREE.Matrix4().makeBasis(x, new THREE.Vector3().crossVectors(z, x), z);
+}
+
+// Turns the forearm about its length by half of the turn of the hand, so that the skin between them is not wrung.
+function shareTwist(forearm, hand) {
+  const along = hand.rest.clone().sub(forearm.rest).normalize();
+  const between = forearm.turn.clone().invert().multiply(hand.turn);
+  const angle = 2 * Math.atan2(along.dot(between), between.w);
+  const half = Math.atan2(Math.sin(angle), Math.cos(angle)) / 2;
+  forearm.turn.multiply(new THREE.Quaternion().setFromAxisAngle(along, half));
+}
+
+// The inside of a part that is a little larger, which is seen as a line around it.
+function edgeOf(colour) {
+  const paint = new THREE.MeshBasicMaterial({
+    color: colour.clone().convertSRGBToLinear().multiplyScalar(0.5), side: THREE.BackSide,
   });
-  const seen = { color: 0xff5a36, depthTest: false, transparent: true };
-  return {
-    skin: matt(0xe3b494, 0.62), hair: matt(0x4a342a, 0.75), white: matt(0xf4f1ec, 0.35), iris: matt(0x33241e, 0.25),
-    lid: matt(0xd6a587, 0.7), lips: matt(0xb3766a, 0.6), shirt: matt(colour, 0.85),
-    trunk: matt(colour, 0.85, { transparent: true, vertexColors: true }),
-    sticks: new THREE.LineBasicMaterial(seen),
-    dots: new THREE.PointsMaterial({ ...seen, size: 5, sizeAttenuation: false }),
+  paint.onBeforeCompile = (shader) => {
+    const code = `transformed += ${EDGE} * normal;\n#include <skinning_vertex>`;
+    shader.vertexShader = shader.vertexShader.replace("#include <skinning_vertex>", code);
   };
+  return paint;
 }

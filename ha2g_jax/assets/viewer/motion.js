@@ -23,10 +23,10 @@ async function inflated(base64) {
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
-// A tree of joints. `name` is the label of the figure.
+// A tree of joints. `name` is the label of the figure, `body` what it is drawn with.
 class Figure {
-  constructor({ name, joints, bones, lengths }) {
-    Object.assign(this, { name, joints, bones, lengths });
+  constructor({ name, joints, bones, lengths, body }) {
+    Object.assign(this, { name, joints, bones, lengths, body });
     this.order = this.fromTheRoot();
     this.positions = new Float32Array(3 * joints.length);
   }

@@ -42,7 +42,10 @@ class Player {
     this.duration = content.duration;
     this.clock = content.sound ? new SoundClock(content.sound, this.duration) : new SilentClock(this.duration);
     this.find = (selector) => document.querySelector(selector);
-    this.stage = new Stage(this.find("#stage"), motions);
+    this.stage = new Stage(this.find("#stage"), motions, content.view);
+    motions.forEach((motion, figure) => {
+      for (let i = 0; i < motion.frames; i++) this.stage.include(figure, motion.positionsAt(i / motion.fps));
+    });
     this.timeline = new Timeline(this.find("#timeline"), content, peaks, (time) => this.seek(time));
     this.speed = 1;
     this.isLooping = false;
@@ -173,7 +176,9 @@ class Player {
 async function start() {
   await loadThree();
   const content = JSON.parse(document.querySelector("#content").textContent);
-  const motions = await Promise.all(content.motions.map((packed) => MotionData.unpack(packed, content.levels)));
+  const motions = await Promise.all(content.motions.map(
+    (packed) => MotionData.unpack({ ...packed, body: content.bodies[packed.body] }, content.levels),
+  ));
   window.viewer = new Player(content, motions, content.peaks ? await inflated(content.peaks) : new Uint8Array());
 }
 

@@ -1,11 +1,13 @@
 "use strict";
 // The figures, each in its part of one canvas, with one camera for all.
 
-const SHIRTS = [0x3e6e9e, 0xb5583f, 0x4b8a63, 0x7d5a94, 0xb08a35, 0x3f8a91, 0x9c4668, 0x60707f];
-const HOME = { eye: [0, 0.12, 2.5], target: [0, 0.07, 0.03] };
+const DISTANCE = 3.2; // metres from the eye to the spine, as in videos
+const LIMB = 0.06, HAND = 0.17, FACE = 0.14; // metres of the body around a joint, of a mitten, of the head
+const MARGIN = 0.04, KNEES = 0.95; // metres
+const STRIP = 34; // pixels above figures for their names
 
 class Stage {
-  constructor(holder, motions) {
+  constructor(holder, motions, least = motions[0].body.view) {
     this.holder = holder;
     this.canvas = holder.querySelector("canvas");
     this.tip = holder.querySelector(".tip");
@@ -16,33 +18,52 @@ class Stage {
     this.renderer.setScissorTest(true);
     this.scene = new THREE.Scene();
     this.light();
-    this.bodies = motions.map((motion, i) => new Body(motion, SHIRTS[i % SHIRTS.length]));
+    const { shirts } = motions[0].body;
+    this.shirts = motions.map((_, i) => shirts[i % shirts.length]);
+    this.views = motions.map(() => [...least]); // left, top, right, bottom in metres from the spine, y down
+    this.bodies = motions.map((motion, i) => new Body(motion, this.shirts[i], () => { this.isStale = true; }));
     for (const body of this.bodies) this.scene.add(body.group);
     this.camera = new THREE.PerspectiveCamera(28, 1, 0.1, 20);
     this.controls = new THREE.OrbitControls(this.camera, this.canvas);
-    Object.assign(this.controls, { minDistance: 0.5, maxDistance: 6, zoomSpeed: 0.7, rotateSpeed: 0.7 });
+    Object.assign(this.controls, { minDistance: 0.5, maxDistance: 8, zoomSpeed: 0.7, rotateSpeed: 0.7 });
     this.controls.addEventListener("change", () => { this.isStale = true; });
+    this.controls.addEventListener("start", () => { this.isHome = false; });
     this.labels = motions.map((motion) => this.addLabel(motion.name));
     this.isOverlaid = this.hasSticks = false;
     this.slowness = this.before = 0;
-    this.resetView();
+    this.isHome = true;
     this.listen();
     this.layOut();
   }
 
+  // Widens the view of a figure so that it shows a pose as a whole.
+  include(figure, positions) {
+    const { joints } = this.bodies[figure].motion, view = this.views[figure], before = view.join();
+    joints.forEach((name, i) => {
+      const near = DISTANCE / Math.max(DISTANCE - positions[3 * i + 2], 0.8);
+      const isMitten = name.endsWith("_wrist") && !joints.includes("left_index_1");
+      const reach = near * (isMitten ? HAND : /nose|eye|ear|head/.test(name) ? FACE : LIMB) + MARGIN;
+      [near * positions[3 * i], -near * positions[3 * i + 1]].forEach((at, axis) => {
+        view[axis] = Math.min(view[axis], at - reach);
+        view[axis + 2] = Math.max(view[axis + 2], at + reach);
+      });
+    });
+    this.isWider ||= view.join() !== before;
+  }
+
   light() {
-    this.scene.add(new THREE.HemisphereLight(0xffffff, 0xa89c94, 0.70));
-    const key = new THREE.DirectionalLight(0xfff4e6, 0.55);
+    this.scene.add(new THREE.HemisphereLight(0xffffff, 0xc8c2be, 0.78));
+    const key = new THREE.DirectionalLight(0xfffaf2, 0.34);
     key.position.set(-1.2, 2.0, 2.6);
     key.castShadow = true;
     key.shadow.mapSize.set(1024, 1024);
-    Object.assign(key.shadow.camera, { left: -0.9, right: 0.9, top: 0.9, bottom: -0.9, near: 1, far: 6 });
+    Object.assign(key.shadow.camera, { left: -0.9, right: 0.9, top: 0.9, bottom: -1.2, near: 1, far: 6 });
     key.shadow.radius = 3;
     key.shadow.bias = -0.001;
     key.shadow.normalBias = 0.02;
-    const fill = new THREE.DirectionalLight(0xffffff, 0.18);
+    const fill = new THREE.DirectionalLight(0xffffff, 0.08);
     fill.position.set(1.5, 0.2, 2.5);
-    const rim = new THREE.DirectionalLight(0xcfe2ff, 0.45);
+    const rim = new THREE.DirectionalLight(0xcfe2ff, 0.30);
     rim.position.set(1.8, 1.0, -2.0);
     this.scene.add(key, fill, rim);
   }
@@ -62,11 +83,13 @@ class Stage {
     this.canvas.addEventListener("dblclick", () => this.resetView());
   }
 
+  // Looks from the front at the whole view.
   resetView() {
-    this.camera.position.set(...HOME.eye);
-    this.controls.target.set(...HOME.target);
+    const { tall, low } = this.fitted;
+    this.controls.target.set(0, tall / 2 - low, 0);
+    this.camera.position.set(0, tall / 2 - low, DISTANCE);
     this.controls.update();
-    this.isStale = true;
+    this.isHome = this.isStale = true;
   }
 
   rotate(around, up) {
@@ -75,6 +98,7 @@ class Stage {
     sphere.phi = Math.min(Math.max(sphere.phi - up, 0.05), Math.PI - 0.05);
     this.camera.position.setFromSpherical(sphere).add(this.controls.target);
     this.controls.update();
+    this.isHome = false;
   }
 
   turnTheme() {
@@ -90,48 +114,62 @@ class Stage {
     this.layOut();
   }
 
-  // Uses the number of columns that makes the figures largest; a figure is higher than wide.
+  // Uses the number of columns that makes the figures largest.
   layOut() {
     const { clientWidth: width, clientHeight: height } = this.holder;
     if (!width || !height) return;
     this.renderer.setPixelRatio(Math.min(window.devicePixelRatio || 1, [2, 1, 0.6][this.slowness]));
     this.renderer.setSize(width, height, false);
-    const count = this.isOverlaid ? 1 : this.bodies.length;
-    const size = (columns) => Math.min(width / columns / 0.8, height / Math.ceil(count / columns));
+    const { isOverlaid } = this, count = isOverlaid ? 1 : this.bodies.length;
+    const [left, top, right, bottom] = [0, 1, 2, 3].map((k) => Math[k < 2 ? "min" : "max"](...this.views.map((view) => view[k])));
+    const wide = isOverlaid ? right - left : Math.max(...this.views.map(([left, , right]) => right - left));
+    const strip = this.labels.some((label) => label.textContent) ? STRIP * (isOverlaid ? this.bodies.length : 1) : 0;
+    const size = (columns) =>
+      Math.min(width / columns / wide, (height / Math.ceil(count / columns) - strip) / (bottom - top));
     const columns = [...Array(count).keys()].map((i) => i + 1).reduce((a, b) => (size(b) > size(a) ? b : a));
-    const rows = Math.ceil(count / columns);
+    const rows = Math.ceil(count / columns), tall = (height / rows - strip) / size(columns);
+    const low = Math.max(bottom, Math.min(bottom + (tall - bottom + top) / 2, KNEES)); // the legs use half of what is left
+    this.fitted = { tall, low }; // metres that are seen, and their lower end
+    const above = (tall - low + top) * size(columns); // pixels above the figures
     this.parts = [...Array(count).keys()].map((i) => {
       const inRow = Math.floor(i / columns) === rows - 1 ? count - columns * (rows - 1) : columns;
+      const [from, , to] = isOverlaid ? [left, top, right] : this.views[i];
       return {
-        x: ((i % columns) + (columns - inRow) / 2) * (width / columns), y: Math.floor(i / columns) * (height / rows),
-        width: width / columns, height: height / rows,
+        x: ((i % columns) + (columns - inRow) / 2) * (width / columns), shift: (-(from + to) / 2) * size(columns),
+        y: Math.floor(i / columns) * (height / rows) + strip, width: width / columns, height: height / rows - strip,
       };
     });
     this.labels.forEach((label, i) => {
       const part = this.parts[this.isOverlaid ? 0 : i];
-      label.style.left = `${part.x}px`;
-      label.style.width = `${part.width}px`;
-      label.style.top = `${part.y + 10 + (this.isOverlaid ? 24 * i : 0)}px`;
-      label.style.setProperty("--shirt", `#${SHIRTS[i % SHIRTS.length].toString(16)}`);
+      label.style.left = `${part.x + Math.max(2 * part.shift, 0)}px`;
+      label.style.width = `${part.width - 2 * Math.abs(part.shift)}px`;
+      label.style.top = `${part.y + above - strip + (isOverlaid ? STRIP * i : 0)}px`;
+      label.style.setProperty("--shirt", this.shirts[i]);
     });
+    if (this.isHome) this.resetView();
     this.isStale = true;
   }
 
   aim(part) {
     this.camera.aspect = part.width / part.height;
-    // A narrow part shows the same width of the scene.
-    this.camera.fov = this.camera.aspect < 0.8 ? 2 * Math.atan(0.2 / this.camera.aspect) * (180 / Math.PI) : 28;
+    this.camera.fov = 2 * Math.atan(this.fitted.tall / 2 / DISTANCE) * (180 / Math.PI);
     this.camera.updateProjectionMatrix();
   }
 
   draw(time, isSmooth) {
-    for (const body of this.bodies) body.pose(body.motion.positionsAt(time, isSmooth));
+    this.bodies.forEach((body, i) => {
+      const positions = body.motion.positionsAt(time, isSmooth);
+      this.include(i, positions);
+      body.pose(positions);
+    });
+    if (this.isWider) this.layOut();
+    this.isWider = false;
     const height = this.holder.clientHeight;
     this.parts.forEach((part, i) => {
       this.bodies.forEach((body, k) => { body.group.visible = this.isOverlaid || k === i; });
       this.aim(part);
       const bottom = height - part.y - part.height;
-      this.renderer.setViewport(part.x, bottom, part.width, part.height);
+      this.renderer.setViewport(part.x + part.shift, bottom, part.width, part.height);
       this.renderer.setScissor(part.x, bottom, part.width, part.height);
       this.renderer.render(this.scene, this.camera);
     });
@@ -156,7 +194,7 @@ class Stage {
     const part = this.parts[this.isOverlaid ? 0 : figure];
     this.aim(part);
     const point = this.bodies[figure].joint(joint).clone().project(this.camera);
-    return { x: part.x + ((point.x + 1) / 2) * part.width, y: part.y + ((1 - point.y) / 2) * part.height };
+    return { x: part.x + part.shift + ((point.x + 1) / 2) * part.width, y: part.y + ((1 - point.y) / 2) * part.height };
   }
 
   nameJoint() {

@@ -1,7 +1,8 @@
-"""Mesh of the body in a `.glb`: a person in a pullover, made of lofts between the joints of an armature at rest.
+"""Mesh of the body in a `.glb` and on pages: the person of `figure`, made of lofts between the joints at rest.
 
 Sizes are those of a tall adult whose shoulder joints are 0.418 m apart, as with the mean bone lengths of
-TED-Expressive, and are scaled with that distance. Legs are drawn where the armature has them.
+TED-Expressive, and are scaled with that distance. Below the hem there are whole legs where the armature has them, and
+else legs to the knees.
 """
 
 import itertools
@@ -9,66 +10,80 @@ import itertools
 import numpy as np
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.figure import DEFAULT_LOOK
+from ha2g_jax.figure import DEFAULT_LOOK, Colour, person
 from ha2g_jax.motion import rigs
 from ha2g_jax.motion.armature import Armature
-from ha2g_jax.motion.formats.surfaces import Surface, ellipsoid, join, loft, tube
+from ha2g_jax.motion.formats.surfaces import Surface, ellipsoid, join, loft, tube, with_normals
 from ha2g_jax.motion.rotations import unit
 from ha2g_jax.motion.smoothing import smoothstep
 
 _FOUR = ("index", "middle", "ring", "pinky")
-_RADII = {"thumb": 0.0125, "index": 0.0103, "middle": 0.0107, "ring": 0.0102, "pinky": 0.0088}
-_TIPS = {"thumb": 0.028, "index": 0.026, "middle": 0.028, "ring": 0.027, "pinky": 0.022}
 _AHEAD = np.array([0.0, 0.0, 1.0])
-_CUFF = 0.93  # fraction of the forearm that the sleeve covers
 # Joints that a rig must have for a body, besides neck and head.
 _NEEDED = ("spine", *(f"{side}_{part}" for side in ("left", "right") for part in ("shoulder", "elbow", "wrist")))
 _SHOULDERS = 0.418
 _X, _Y, _Z = np.eye(3)
 
-# Pullover: height above the joint of the spine, half-width, half-depth and offset to the front, in metres.
-_TORSO = np.array(
+# Pullover above the spine: height, half-width, half-depth and offset to the front, in metres, and how far the ring
+# is tilted to the front, in degrees. Below are the sections of the figure.
+_CHEST = np.array(
     [
-        (-0.385, 0.158, 0.108, 0.004),
-        (-0.360, 0.170, 0.117, 0.004),
-        (-0.290, 0.173, 0.119, 0.003),
-        (-0.210, 0.163, 0.111, 0.004),
-        (-0.140, 0.157, 0.107, 0.006),
-        (-0.060, 0.163, 0.112, 0.008),
-        (0.020, 0.176, 0.119, 0.010),
-        (0.080, 0.188, 0.120, 0.010),
-        (0.130, 0.197, 0.114, 0.008),
-        (0.170, 0.201, 0.103, 0.005),
-        (0.200, 0.192, 0.091, 0.002),
-        (0.222, 0.166, 0.081, -0.001),
-        (0.240, 0.130, 0.073, -0.002),
-        (0.257, 0.095, 0.067, -0.003),
-        (0.275, 0.067, 0.061, 0.000),
-        (0.287, 0.060, 0.058, 0.003),
+        (0.060, 0.176, 0.114, 0.006, 0),
+        (0.120, 0.193, 0.118, 0.008, 0),
+        (0.165, 0.200, 0.112, 0.007, 0),
+        (0.205, 0.194, 0.101, 0.003, 0),
+        (0.235, 0.168, 0.089, -0.001, 4),
+        (0.258, 0.135, 0.080, -0.002, 10),
+        (0.275, 0.105, 0.075, -0.001, 18),
+        (0.287, 0.082, 0.073, 0.001, 26),
+        (0.293, 0.071, 0.072, 0.004, 32),
+        (0.294, 0.0665, 0.070, 0.006, 34),
     ]
 )
-# Head: height above the chin, half-width, half-depth and offset to the front, in metres.
+_TORSO = np.array(
+    [(above - below, width, person.THICK * width + 0.004, 0.004, 0) for above, below, width in person.SECTIONS[:0:-1]]
+    + _CHEST.tolist()
+)
+# Head: height, half-width, half-depth and offset to the front, in metres on a head of size 1.
 _HEAD = np.array(
     [
-        (0.000, 0.022, 0.024, 0.046),
-        (0.010, 0.034, 0.038, 0.039),
-        (0.028, 0.046, 0.054, 0.029),
-        (0.052, 0.056, 0.068, 0.019),
-        (0.080, 0.064, 0.080, 0.010),
-        (0.108, 0.070, 0.089, 0.004),
-        (0.135, 0.0745, 0.095, 0.000),
-        (0.162, 0.0755, 0.0975, -0.003),
-        (0.188, 0.0725, 0.095, -0.005),
-        (0.210, 0.063, 0.084, -0.006),
-        (0.226, 0.048, 0.066, -0.007),
-        (0.236, 0.031, 0.044, -0.008),
+        (-0.110, 0.024, 0.034, 0.034),
+        (-0.100, 0.040, 0.050, 0.026),
+        (-0.085, 0.056, 0.064, 0.018),
+        (-0.060, 0.071, 0.078, 0.009),
+        (-0.030, 0.081, 0.086, 0.003),
+        (0.000, 0.085, 0.090, 0.000),
+        (0.030, 0.085, 0.092, -0.004),
+        (0.060, 0.077, 0.088, -0.008),
+        (0.085, 0.062, 0.076, -0.012),
+        (0.102, 0.043, 0.056, -0.014),
+        (0.112, 0.022, 0.030, -0.015),
     ]
 )
-_HEAD_SIZE = 1.14
-_CHIN = np.array([0.0, 0.088, 0.036])  # metres from the joint of the neck
-
-_BROW = ((0.016, 0.139, 0.0905), (0.026, 0.1425, 0.0885), (0.037, 0.1425, 0.0835), (0.048, 0.138, 0.0755))
-_BROW_THICK = np.array([0.0030, 0.0036, 0.0033, 0.0018])
+_HEAD_PLACE = np.array([0.0, 0.205, -0.014])  # metres from the neck to the centre of the head
+# Hair: height, half-width and half-depth of the shell, and its offset to the front.
+_HAIR = np.array(
+    [
+        (-0.142, 0.080, 0.044, -0.048),
+        (-0.132, 0.101, 0.060, -0.048),
+        (-0.110, 0.116, 0.076, -0.044),
+        (-0.085, 0.118, 0.088, -0.036),
+        (-0.055, 0.115, 0.096, -0.028),
+        (-0.025, 0.110, 0.102, -0.020),
+        (0.000, 0.104, 0.104, -0.014),
+        (0.022, 0.103, 0.105, -0.012),
+        (0.045, 0.101, 0.103, -0.012),
+        (0.068, 0.094, 0.098, -0.012),
+        (0.090, 0.082, 0.088, -0.012),
+        (0.108, 0.066, 0.073, -0.013),
+        (0.122, 0.046, 0.052, -0.014),
+        (0.131, 0.025, 0.028, -0.015),
+    ]
+)
+# The hairline, parted at the side: degrees from the front to the person's left, and height.
+_SIDE = ((80, 0.005), (88, -0.020), (97, -0.090), (104, -0.142), (180, -0.142))
+_FRINGE = ((-62, 0.034), (-40, 0.060), (-14, 0.072), (6, 0.083), (20, 0.088), (32, 0.074), (62, 0.034))
+_HAIRLINE = np.array([*((-degrees, height) for degrees, height in _SIDE[::-1]), *_FRINGE, *_SIDE])
 
 
 class Joints:
@@ -98,14 +113,14 @@ def arm(joints: Joints, side: str) -> tuple[Surface, list[Surface]]:
     """Build the sleeve of an arm, and the surfaces of the skin below it."""
     size = joints.scale
     shoulder, elbow, wrist = (joints[f"{side}_{part}"] for part in ("shoulder", "elbow", "wrist"))
-    inside = shoulder + 0.075 * size * unit(np.array([-np.sign(shoulder[0]), -0.25, 0.0]))
+    inside = joints["neck"] + 0.3 * (shoulder - joints["neck"]) + 0.008 * size * _Y
     corners = np.array([inside, shoulder, elbow, wrist])
     lengths = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
-    at = np.concatenate([np.linspace(0, lengths[1], 4), np.linspace(lengths[1], lengths[2], 15)[1:]])
-    at = np.concatenate([at, np.linspace(lengths[2], lengths[2] + _CUFF * (lengths[3] - lengths[2]), 13)[1:]])
+    at = np.concatenate([np.linspace(0, lengths[1], 6), np.linspace(lengths[1], lengths[2], 15)[1:]])
+    at = np.concatenate([at, np.linspace(lengths[2], lengths[2] + person.CUFF * (lengths[3] - lengths[2]), 13)[1:]])
     path = _rounded_path(corners, lengths, at, 0.05 * size)
-    where = [0, lengths[1], 0.5 * (lengths[1] + lengths[2]), lengths[2], lengths[2] + 0.3 * (lengths[3] - lengths[2])]
-    radii = size * np.interp(at, [*where, lengths[3]], [0.058, 0.059, 0.053, 0.046, 0.045, 0.034])
+    top, joint, hem = person.SLEEVE
+    radii = size * np.interp(at, [0, 0.8 * lengths[1], *lengths[1:3], at[-1]], [0.036, 0.055, top, joint, hem])
     influence = mix(
         joints.moved_by(f"{side}_clavicle", "spine"),
         joints.moved_by(f"{side}_shoulder"),
@@ -136,7 +151,7 @@ def _wrist(joints: Joints, side: str) -> Surface:
     elbow, wrist = joints[f"{side}_elbow"], joints[f"{side}_wrist"]
     fraction = np.array([0.82, 0.88, 0.93, 0.97, 1.0, 1.04])
     path = elbow + fraction[:, None] * (wrist - elbow)
-    radii = joints.scale * np.stack([[0.026, 0.025, 0.0235, 0.0225, 0.022, 0.022], [0.029] * 3 + [0.0285] * 3], axis=-1)
+    radii = joints.scale * np.interp(fraction, [0.82, 1.0], person.WRIST)
     weight = smoothstep(fraction, 0.93, 1.03)
     influence = mix(joints.moved_by(f"{side}_elbow"), joints.moved_by(f"{side}_wrist"), weight)
     return tube(path, radii, influence, _AHEAD)
@@ -148,12 +163,10 @@ def _palm(joints: Joints, side: str) -> Surface:
     hand = joints.moved_by(f"{side}_wrist")
     if f"{side}_index_1" not in joints:
         along = unit(wrist - joints[f"{side}_elbow"])
-        fraction = np.linspace(0, 1, 9)
-        path = wrist + size * 0.17 * fraction[:, None] * along
-        thick = size * np.interp(fraction, [0, 0.3, 1], [0.021, 0.017, 0.009])
-        wide = size * np.interp(fraction, [0, 0.35, 0.6, 1], [0.029, 0.043, 0.042, 0.024])
+        far, radii = size * np.transpose(person.MITTEN)
         across = unit(_AHEAD - (_AHEAD @ along) * along)
-        return loft(path, np.cross(along, across), across, np.stack([thick, wide], -1), np.tile(hand, (9, 1)))
+        flat = np.stack([0.5 * radii, radii], axis=-1)
+        return loft(wrist + far[:, None] * along, np.cross(along, across), across, flat, np.tile(hand, (len(far), 1)))
     knuckles = np.array([joints[f"{side}_{finger}_1"] for finger in _FOUR])
     across = unit(knuckles[0] - knuckles[-1])
     middle = (knuckles[0] + knuckles[-1]) / 2 * 0.5 + knuckles[1:3].mean(axis=0) * 0.5
@@ -182,39 +195,33 @@ def _finger(joints: Joints, side: str, finger: str) -> Surface:
     wrist = joints[f"{side}_wrist"]
     below = chain[0] - wrist
     root = wrist + 0.35 * below if finger == "thumb" else chain[0] - 0.02 * size * unit(below)
-    tip = chain[2] + size * (_TIPS[finger] - _RADII[finger] * 0.7) * unit(chain[2] - chain[1])
+    radius = person.FINGER_RADII[person.FINGERS.index(finger)]
+    tip = chain[2] + size * (person.FINGER_TIP - 0.4 * radius) * unit(chain[2] - chain[1])
     corners = np.array([root, *chain, tip])
     lengths = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
-    at = np.unique(np.concatenate([np.linspace(a, b, 6) for a, b in itertools.pairwise(lengths)]))
+    at = np.unique(np.concatenate([np.linspace(a, b, 5) for a, b in itertools.pairwise(lengths)]))
     path = _rounded_path(corners, lengths, at, 0.008 * size)
-    shape = [1.55, 1.2, 1.02, 0.92, 0.74] if finger == "thumb" else [1.08, 1.1, 1.0, 0.92, 0.76]
-    radii = size * _RADII[finger] * np.interp(at, lengths, shape)
+    shape = [1.55, 1.2, 1.06, 0.97, 0.8] if finger == "thumb" else [1.08, 1.08, 1.03, 0.97, 0.8]
+    radii = size * radius * np.interp(at, lengths, shape)
     names = [f"{side}_{finger}_{part}" for part in range(4)]
     rows = [joints.moved_by(names[0], f"{side}_wrist"), *(joints.moved_by(*names[part:0:-1]) for part in (1, 2, 3))]
     influence = np.tile(rows[0], (len(at), 1))
     reach = 0.008 * size
     for row, length in zip(rows[1:], lengths[1:-1]):
         influence = mix(influence, row, smoothstep(at, length - reach, length + reach))
-    return tube(path, radii, influence, _AHEAD, sides=12, caps=(0.5, 1.0))
+    return tube(path, radii, influence, _AHEAD, sides=10, caps=(0.5, 1.0))
 
 
-def _linear(colour: tuple[int, int, int]) -> tuple[float, float, float]:
-    """Convert an sRGB colour of 0 to 255 to the linear colour of glTF."""
-    value = np.array(colour) / 255
-    red, green, blue = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4).round(4).tolist()
-    return red, green, blue
-
-
-# Red, green, blue, roughness of each material.
-COLOURS = {
-    "shirt": (*_linear(DEFAULT_LOOK.shirt), 0.85),
-    "skin": (*_linear(DEFAULT_LOOK.skin), 0.6),
-    "hair": (*_linear(DEFAULT_LOOK.hair), 0.7),
-    "lips": (*_linear((186, 112, 96)), 0.6),
-    "eye_white": (*_linear((246, 246, 244)), 0.3),
-    "iris": (*_linear((56, 40, 34)), 0.2),
-    "trousers": (*_linear((58, 62, 72)), 0.85),
-    "shoes": (*_linear((40, 36, 36)), 0.5),
+# sRGB colour and roughness of each material.
+COLOURS: dict[str, tuple[Colour, float]] = {
+    "shirt": (DEFAULT_LOOK.shirt, 0.85),
+    "skin": (DEFAULT_LOOK.skin, 0.6),
+    "hair": (DEFAULT_LOOK.hair, 0.7),
+    "lips": (person.lip_colour(DEFAULT_LOOK), 0.6),
+    "eye_white": (person.EYES[0], 0.3),
+    "iris": (person.EYES[1], 0.2),
+    "trousers": (person.TROUSERS, 0.85),
+    "shoes": ((40, 36, 36), 0.5),
 }
 
 
@@ -245,8 +252,7 @@ def body_mesh(armature: Armature) -> dict[str, Surface]:
         if f"{side}_hip" in joints:
             for colour, surface in _leg(joints, side).items():
                 parts[colour].append(surface)
-    if "pelvis" in joints:
-        parts["trousers"].append(_hips(joints))
+    parts["trousers"] += [_hips(joints)] if "pelvis" in joints else [_thigh(joints, sign) for sign in (1, -1)]
     for colour, surfaces in _head(joints).items():
         parts[colour] += surfaces
     return {colour: join(surfaces) for colour, surfaces in parts.items() if surfaces}
@@ -258,8 +264,9 @@ def _torso(joints: Joints) -> Surface:
     # The table's shoulders are 0.196 m and its neck 0.26 m above the spine; between them it stretches.
     known = [-1.0, 0.0, 0.196, 0.26, 0.36]
     heights = np.interp(_TORSO[:, 0], known, [-size, 0, min(shoulder, neck - 0.03 * size), neck, neck + 0.1 * size])
-    centres = spine + heights[:, None] * _Y + size * _TORSO[:, 3:] * _Z
-    radii, sides = size * _TORSO[:, 1:3], 28
+    centres = spine + heights[:, None] * _Y + size * _TORSO[:, 3:4] * _Z
+    radii, sides, tilt = size * _TORSO[:, 1:3], 32, np.deg2rad(_TORSO[:, 4:])
+    ahead = np.cos(tilt) * _Z - np.sin(tilt) * _Y
     x = radii[:, :1] * np.cos(2 * np.pi * np.arange(sides) / sides)
     shrugged = smoothstep(np.abs(x) / size, 0.07, 0.19) * smoothstep(_TORSO[:, 0], 0.02, 0.17)[:, None]
     left, right = (joints.moved_by(f"{side}_clavicle", "spine") for side in ("left", "right"))
@@ -268,7 +275,14 @@ def _torso(joints: Joints) -> Surface:
     if "pelvis" in joints:
         trunk = mix(joints.moved_by("pelvis"), trunk, smoothstep(heights / size, -0.33, -0.02))[:, None]
     influence = (1 - shrugged)[..., None] * trunk + shrugged[..., None] * clavicles
-    return loft(centres, _X, _Z, radii, influence, sides=sides, squareness=2.35, caps=(0.25, 0.1))
+    return loft(centres, _X, ahead, radii, influence, sides=sides, squareness=2.35, caps=(0.05, -0.3))
+
+
+def _thigh(joints: Joints, sign: int) -> Surface:
+    size, spine = joints.scale, joints["spine"]
+    path = spine + size * np.array([(sign * x, y, 0.0) for x, y in np.linspace((0.086, -0.46), (0.077, -1.08), 8)])
+    still = np.tile(joints.moved_by("spine"), (len(path), 1))
+    return tube(path, size * np.array([0.078, *np.linspace(0.087, 0.08, 7)]), still, _Z, caps=(0.2, 0.2))
 
 
 def _hips(joints: Joints) -> Surface:
@@ -301,50 +315,59 @@ def _leg(joints: Joints, side: str) -> dict[str, Surface]:
 def _head(joints: Joints) -> dict[str, list[Surface]]:
     size, neck = joints.scale, joints["neck"]
     head = joints.moved_by("head")
-    weight = smoothstep(np.linspace(0, 1, 8), 0.1, 0.9)
-    path = neck + size * np.linspace(0, 1, 8)[:, None] * np.array([0, 0.165, 0.022]) - size * np.array([0, 0.03, 0])
-    radii = size * np.stack([np.interp(weight, [0, 1], [0.053, 0.052]), np.interp(weight, [0, 1], [0.052, 0.056])], -1)
-    throat = loft(path, _X, _Z, radii, mix(joints.moved_by("spine"), head, weight))
-    scale = size * _HEAD_SIZE
-    chin = neck + size * _CHIN
+    centre, scale = neck + size * _HEAD_PLACE, size * person.HEAD_SIZE
 
     def place(x: float, y: float, z: float) -> np.ndarray:
-        return chin + scale * np.array([x, y, z])
+        return centre + scale * np.array([x, y, z])
 
-    def ball(x: float, y: float, z: float, radii: tuple[float, float, float]) -> Surface:
-        return ellipsoid(place(x, y, z), [scale * radius for radius in radii], head)
+    def ball(place: np.ndarray, axes: tuple[float, ...], depth: float) -> Surface:
+        return ellipsoid(place, [scale * radius for radius in (*axes, depth)], head)
 
-    centres = chin + scale * (_HEAD[:, :1] * _Y + _HEAD[:, 3:] * _Z)
-    still = np.tile(head, (len(centres), 1))
-    options = {"sides": 28, "squareness": 2.15, "caps": (0.4, 0.28)}
-    face = loft(centres, _X, _Z, scale * _HEAD[:, 1:3], still, **options)  # type: ignore[arg-type]
-    parts: dict[str, list[Surface]] = {"skin": [throat, face], "hair": [], "eye_white": [], "iris": [], "lips": []}
-    parts["hair"].append(_hair(chin, scale, head))
-    nose = np.array([place(0, 0.122, 0.090), place(0, 0.108, 0.097), place(0, 0.093, 0.104), place(0, 0.084, 0.103)])
-    parts["skin"].append(
-        tube(nose, scale * np.array([0.007, 0.009, 0.012, 0.0125]), still[:4], _Z, sides=12, caps=(1.0, 0.7))
+    height = np.linspace(0, 1, 10)
+    low, high = neck + size * np.array([0, -0.015, 0.012]), place(0, -0.055, -0.012)
+    throat = tube(
+        low + height[:, None] * (high - low),
+        size * np.interp(height, [0, 0.4, 1], [person.THROAT[0], *2 * person.THROAT[1:]]),
+        mix(joints.moved_by("spine"), head, smoothstep(height, 0.2, 1.0)),
+        _Z,
+        sides=24,
+        caps=(0.5, 0.2),
     )
-    smile = np.array([place(x, 0.052 + 9 * x * x, 0.0875 - 12 * x * x) for x in np.linspace(-0.022, 0.022, 9)])
-    thin = scale * np.interp(np.abs(np.linspace(-1, 1, 9)), [0, 1], [0.0048, 0.0022])
-    parts["lips"].append(tube(smile, thin, still[:1].repeat(9, axis=0), _Z, sides=10))
+    still = np.tile(head, (len(_HEAD), 1))
+    rings = centre + scale * (_HEAD[:, :1] * _Y + _HEAD[:, 3:] * _Z)
+    face = loft(rings, _X, _Z, scale * _HEAD[:, 1:3], still, sides=32, squareness=2.3, caps=(0.3, 0.3))
+    parts: dict[str, list[Surface]] = {"skin": [throat, face], "hair": [], "eye_white": [], "iris": [], "lips": []}
+    parts["hair"].append(_hair(centre, scale, head))
+    bridge = np.array([place(0, y, z) for y, z in ((-0.002, 0.082), (-0.016, 0.088), (-0.030, 0.093), (-0.037, 0.093))])
+    wide = scale * np.array([0.005, 0.008, 0.0115, 0.012])
+    parts["skin"].append(tube(bridge, wide, still[:4], _X, sides=12, caps=(1.0, 0.7)))
+    smile = np.array([place(x, -0.071 + 14 * x * x, 0.0850 - 12 * x * x) for x in np.linspace(-0.026, 0.026, 9)])
+    thin = scale * np.interp(np.abs(np.linspace(-1, 1, 9)), [0, 1], [0.0045, 0.0015])
+    parts["lips"].append(tube(smile, thin, still[:9], _Z, sides=10))
     for sign in (1, -1):
-        parts["skin"].append(ball(sign * 0.073, 0.108, -0.008, (0.010, 0.028, 0.017)))
-        parts["eye_white"].append(ball(sign * 0.031, 0.121, 0.0775, (0.0150, 0.0088, 0.0085)))
-        parts["iris"].append(ball(sign * 0.0305, 0.121, 0.0830, (0.0072, 0.0080, 0.0048)))
-        brow = np.array([place(sign * x, y, z) for x, y, z in _BROW])
-        parts["hair"].append(tube(brow, scale * _BROW_THICK, still[: len(brow)], _Z, sides=8))
+        mirrored = np.array([sign, 1, 1])
+        parts["skin"].append(ball(place(*(mirrored * person.EAR[0])), (0.012, person.EAR[1][1]), 0.018))
+        parts["eye_white"].append(ball(place(*(mirrored * person.EYE_WHITE[0])), person.EYE_WHITE[1], 0.008))
+        parts["iris"].append(ball(place(*(mirrored * person.IRIS[0])) + scale * 0.0025 * _Z, person.IRIS[1], 0.0035))
+        for line, depth, thick in ((person.BROW, 0.089, 0.0030), (person.LID, 0.091, 0.0018)):
+            x = np.linspace(line[0][0], line[-2][0], 7)
+            y = np.polyval(np.polyfit([point[0] for point in line[:-1]], [point[1] for point in line[:-1]], 2), x)
+            path = np.stack([place(sign * across, up, depth - 5 * across**2) for across, up in zip(x, y)])
+            radii = scale * thick * np.array([0.7, 0.9, 1, 1, 0.9, 0.7, 0.4])
+            parts["hair"].append(tube(path, radii, still[:7], _Z, sides=8))
     return parts
 
 
-def _hair(chin: np.ndarray, scale: float, head: np.ndarray) -> Surface:
-    """Build a shell around the head that ends below the skin at the hairline."""
-    shape, sides = _HEAD[3:], 36
-    centres = chin + scale * (shape[:, :1] * _Y + shape[:, 3:] * _Z)
-    shell = loft(centres, _X, _Z, scale * shape[:, 1:3], np.tile(head, (len(shape), 1)), sides=sides, caps=(0.2, 0.30))
-    inner = shell.points - chin - scale * np.array([0, 0.13, -0.004])
-    height, ahead = (shell.points - chin)[:, 1] / scale, inner[:, 2] / scale
-    # The hairline: over the forehead, down before the ears, low at the back.
-    line = np.interp(ahead, [-0.09, -0.03, 0.005, 0.03, 0.06, 0.09], [0.062, 0.075, 0.110, 0.150, 0.176, 0.186])
-    thick = 0.90 + 0.185 * smoothstep(height - line, -0.012, 0.012)
-    points = chin + scale * np.array([0, 0.13, -0.004]) + inner * thick[:, None]
-    return Surface(points, shell.normals, shell.faces, shell.influence)
+def _hair(centre: np.ndarray, scale: float, head: np.ndarray) -> Surface:
+    """Build a shell from the hairline to the crown; what closes it is within the head."""
+    rings = centre + scale * (_HAIR[:, :1] * _Y + _HAIR[:, 3:] * _Z)
+    still = np.tile(head, (len(_HAIR), 1))
+    shell = loft(rings, _X, _Z, scale * _HAIR[:, 1:3], still, sides=48, caps=(0.1, 0.12))
+    x, y, z = ((shell.points - centre) / scale).T
+    heights, low, high = _HAIR[:, 0], _HAIR[0, 0], _HAIR[-1, 0]
+    wide, deep, ahead = (np.interp(y, heights, column) for column in _HAIR.T[1:])
+    line = np.interp(np.rad2deg(np.arctan2(x, z - ahead - 1e-6)), *_HAIRLINE.T)
+    level = np.where(y < high, line + (y - low) / (high - low) * (high - line), y)
+    new_wide, new_deep, new_ahead = (np.interp(level, heights, column) for column in _HAIR.T[1:])
+    points = np.stack([x * new_wide / wide, level, new_ahead + (z - ahead) * new_deep / deep], axis=-1)
+    return with_normals(centre + scale * points, shell.faces, shell.influence)

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pygltflib
 
+from ha2g_jax.figure import Colour
 from ha2g_jax.files.writing import whole_file
 from ha2g_jax.motion import rotations
-from ha2g_jax.motion.armature import Animation, ha2g_armature
+from ha2g_jax.motion.armature import Animation, Armature, ha2g_armature
 from ha2g_jax.motion.formats.body_mesh import COLOURS, body_mesh
 from ha2g_jax.motion.rigs import rest_positions
 from ha2g_jax.skeleton import Skeleton, load_skeleton
@@ -60,9 +61,13 @@ def write_figure(path: str | pathlib.Path, skeleton: Skeleton) -> None:
 
     Its nodes, mesh and skin are those of every `.glb` of a motion of the model; a page replaces the animation.
     """
-    # A motion is exported with the rest pose of the package's skeleton and the bone lengths of the model.
-    armature = ha2g_armature(dataclasses.replace(load_skeleton(skeleton.name), lengths=skeleton.lengths))
+    armature = figure_armature(skeleton)
     write_glb(path, Animation(armature, armature.rest[None], np.zeros((1, 3)), 15.0, {}))
+
+
+def figure_armature(skeleton: Skeleton) -> Armature:
+    """Return the armature of a motion: the rest pose of the package's skeleton, with the bone lengths of its own."""
+    return ha2g_armature(dataclasses.replace(load_skeleton(skeleton.name), lengths=skeleton.lengths))
 
 
 class Document:
@@ -186,11 +191,17 @@ def _add_body(document: Document, animation: Animation, nodes: list[int]) -> Non
 
 
 def _material(name: str) -> pygltflib.Material:
-    red, green, blue, roughness = COLOURS[name]
+    colour, roughness = COLOURS[name]
     surface = pygltflib.PbrMetallicRoughness(
-        baseColorFactor=[red, green, blue, 1.0], metallicFactor=0.0, roughnessFactor=roughness
+        baseColorFactor=[*_linear(colour), 1.0], metallicFactor=0.0, roughnessFactor=roughness
     )
     return pygltflib.Material(name=name, pbrMetallicRoughness=surface, alphaMode=None, alphaCutoff=None)
+
+
+def _linear(colour: Colour) -> list[float]:
+    """Convert an sRGB colour of 0 to 255 to the linear colour of glTF."""
+    value = np.array(colour) / 255
+    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4).round(4).tolist()
 
 
 def _inverse_bind(animation: Animation, root: np.ndarray) -> np.ndarray:

@@ -75,7 +75,7 @@ def loft(
     poles = np.stack([first[2], last[2]])
     points = np.concatenate([rings.reshape(-1, 3), poles])
     influence = np.concatenate([influence.reshape(-1, influence.shape[-1]), influence[[0, -1]].mean(axis=1)])
-    return _with_normals(points, _faces(len(rings), sides), influence)
+    return with_normals(points, _faces(len(rings), sides), influence)
 
 
 def tube(
@@ -109,7 +109,7 @@ def ellipsoid(centre: np.ndarray, radii: Sequence[float], influence: np.ndarray)
     return loft(centres, x, z, rings, np.tile(influence, (len(centres), 1)), sides=14, caps=(tall, tall))
 
 
-def _with_normals(points: np.ndarray, faces: np.ndarray, influence: np.ndarray) -> Surface:
+def with_normals(points: np.ndarray, faces: np.ndarray, influence: np.ndarray) -> Surface:
     """Return a surface whose normals are the means of those of the faces around a point, weighted by area."""
     corners = points[faces]
     areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

@@ -17,7 +17,7 @@ from av.video.codeccontext import VideoCodecContext
 from av.video.reformatter import ColorRange
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.figure import DEFAULT_LOOK, View, fit
+from ha2g_jax.figure import CAMERAS, DEFAULT_LOOK, SHIRTS, View, align, fit
 from ha2g_jax.figure.stage import Stage, draw, paint, set_stage
 from ha2g_jax.files.writing import whole_file
 from ha2g_jax.motion.motion import Motion
@@ -48,22 +48,24 @@ def write_video(
     sample_rate: int = 16000,
     *,
     size: int | tuple[int, int] = 720,
+    camera: str = "body",
     view: View | None = None,
     workers: int | None = None,
     has_progress: bool = True,
 ) -> None:
     """Write an `.mp4` (H.264 and AAC, 30 frames per second) that lasts as long as the sound.
 
-    The poses between the frames of a motion are interpolated on the sphere. One fixed camera shows all figures at one
-    size, far enough away that hands and head stay in the picture. The same input gives the same bytes on one
-    machine, whatever the number of workers. The file is written completely or not at all.
+    The poses between the frames of a motion are interpolated on the sphere. A fixed camera shows all figures at one
+    size, as large as hands and head stay in the picture. The same input gives the same bytes on one machine, whatever
+    the number of workers. The file is written completely or not at all.
 
     Args:
         motion: one motion, or several by name, whose figures are drawn side by side with their names.
         audio: (samples,) float32 mono sound; with None the video is silent and lasts as long as the longest motion.
         size: width and height of the picture in pixels, both even, or one number for the side of a square for each
             figure.
-        view: camera, such as that of `fit_view` for several videos; by default it is fitted to the figures of this one.
+        camera: one of `figure.CAMERAS`: "body" to the hips and the lowest hands, "close" for the upper body and hands.
+        view: one for all figures, as of `fit_view` for several videos; by default it is fitted to those of this one.
         workers: number of threads that draw and encode; by default one for each core.
 
     Raises:
@@ -75,10 +77,10 @@ def write_video(
     width, height = check_size((size * len(motions), size) if isinstance(size, int) else size)
     longest = max(each.num_frames / each.fps for each in motions.values())
     frames = num_frames(longest if audio is None else len(audio) / sample_rate, VIDEO_FPS)
-    stage = set_stage(tuple(motions), DEFAULT_LOOK.background, width, height)
     poses = [_poses(each, frames) for each in motions.values()]
-    view = _fit_poses(poses) if view is None else view
-    encode = functools.partial(_encode_piece, stage, poses, view)
+    views = align([_fit_poses([pose], CAMERAS[camera]) if view is None else view for pose in poses])
+    stage = set_stage(tuple(motions), DEFAULT_LOOK.background, width, height, views)
+    encode = functools.partial(_encode_piece, stage, poses, views)
     options = {"movflags": "faststart", "fflags": "+bitexact"}
     with (
         whole_file(path) as temporary,
@@ -106,15 +108,15 @@ def write_video(
 def fit_view(motions: Iterable[Motion], seconds: float) -> View:
     """Fit one camera to all poses of several motions in some seconds, so that `write_video` shows them at one size."""
     frames = num_frames(seconds, VIDEO_FPS)
-    return _fit_poses(_poses(each, frames) for each in motions)
+    return _fit_poses((_poses(each, frames) for each in motions), CAMERAS["body"])
 
 
 def _poses(motion: Motion, frames: int) -> tuple[np.ndarray, Skeleton]:
     return resample(motion.directions, motion.fps, VIDEO_FPS, frames), motion.skeleton
 
 
-def _fit_poses(poses: Iterable[tuple[np.ndarray, Skeleton]]) -> View:
-    return fit((directions_to_positions(skeleton, directions), skeleton) for directions, skeleton in poses)
+def _fit_poses(poses: Iterable[tuple[np.ndarray, Skeleton]], least: View) -> View:
+    return fit(((directions_to_positions(skeleton, directions), skeleton) for directions, skeleton in poses), least)
 
 
 def check_size(size: tuple[int, int]) -> tuple[int, int]:
@@ -127,13 +129,14 @@ def check_size(size: tuple[int, int]) -> tuple[int, int]:
 
 
 def _encode_piece(
-    stage: Stage, poses: Sequence[tuple[np.ndarray, Skeleton]], view: View, start: int
+    stage: Stage, poses: Sequence[tuple[np.ndarray, Skeleton]], views: Sequence[View], start: int
 ) -> list[av.Packet]:
     """Encode the pictures of one piece from frame `start`, whose first picture does not depend on the one before."""
     drawings = []
     for index, (directions, skeleton) in enumerate(poses):
         positions = directions_to_positions(skeleton, directions[start : start + _PIECE])
-        drawings.append(draw(stage, index, positions, skeleton, DEFAULT_LOOK, view))
+        look = DEFAULT_LOOK._replace(shirt=SHIRTS[index % len(SHIRTS)])
+        drawings.append(draw(stage, index, positions, skeleton, look, views[index]))
     height, width = stage.clean[0].shape
     encoder = cast(VideoCodecContext, av.CodecContext.create("libx264", "w"))
     encoder.options, encoder.time_base, encoder.framerate = _ENCODER, _TIME_BASE, 1 / _TIME_BASE

@@ -11,11 +11,12 @@ export class ShownFigure extends ArrivingMotion {
   /**
    * @param skeleton - skeleton of the model.
    * @param fps - frames per second.
+   * @param body - contents of model/body.json.
    */
-  constructor(skeleton: Skeleton, fps: number) {
+  constructor(skeleton: Skeleton, fps: number, body: object) {
     const { joints, bones, lengths } = skeleton;
     const [rest, axes] = [restPose(skeleton), exportAxes(skeleton)].map((values) => Array.from(values));
-    super({ joints, bones, lengths, fps, rest, axes });
+    super({ joints, bones, lengths, fps, rest, axes, body });
   }
 
   /** Goes to a whole motion within a moment. */

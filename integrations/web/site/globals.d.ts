@@ -7,6 +7,7 @@ interface FigureFacts {
   fps: number;
   axes: number[];
   rest: number[];
+  body: object;
 }
 
 interface ArrivedFrame {
@@ -25,6 +26,7 @@ declare class ArrivingMotion {
   shown: number | null;
   readonly isEasing: boolean;
   readonly last: number;
+  place(direction: (bone: number) => Float32Array): Float32Array;
   read(row: ArrayLike<number>): Float32Array;
   add(first: number, rows: ArrayLike<number>[]): void;
   clear(): void;
@@ -42,6 +44,7 @@ declare class Stage {
   rotate(around: number, up: number): void;
   turnTheme(): void;
   setLook(look: { hasSticks: boolean }): void;
+  include(figure: number, positions: Float32Array): void;
   keepPace(now: number): void;
   draw(number: number | null, isSmooth: boolean): void;
 }

@@ -37,14 +37,15 @@ export class Model {
   /** Shows the figure, for which the description of the model is enough. */
   private async showFigure(): Promise<void> {
     if (this.figure) return;
-    const response = await fetch(fileOf("model/model.json"));
-    if (!response.ok) return; // the model is missing as well, which is said
-    const description = checkDescription(await response.json());
+    const responses = await Promise.all(["model/model.json", "model/body.json"].map((name) => fetch(fileOf(name))));
+    if (!responses.every(({ ok }) => ok)) return; // the model is missing as well, which is said
+    const [facts, body] = await Promise.all(responses.map((response) => response.json()));
+    const description = checkDescription(facts);
     const { skeleton, fps, name, license, speakers } = description;
     const parts = [`Model ${name}`, `${Object.keys(speakers).length} speakers`, license].filter(Boolean);
     find("#model").textContent = `${parts.join(", ")}.`;
     this.settings.offer(description);
-    this.figure = new ShownFigure(skeleton, fps);
+    this.figure = new ShownFigure(skeleton, fps, body);
     try {
       this.screen = new Screen(this.figure, skeleton);
     } catch (error) {

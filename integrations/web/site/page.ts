@@ -300,6 +300,7 @@ export class Page {
   private showTake(): void {
     if (this.motion) this.model.figure?.present(this.motion);
     else this.model.figure?.clear();
+    if (this.motion) this.model.screen?.fit();
     this.model.screen?.refresh();
     this.showState();
   }

@@ -55,6 +55,13 @@ export class Screen {
     this.change();
   }
 
+  /** Widens the view so that the whole motion of the figure is in it. */
+  fit(): void {
+    for (const { directions } of this.figure.frames) {
+      this.stage.include(0, this.figure.place((bone) => directions.subarray(3 * bone, 3 * bone + 3)));
+    }
+  }
+
   resetView(): void {
     this.avatar?.resetView();
     this.stage.resetView();

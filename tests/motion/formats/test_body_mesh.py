@@ -2,9 +2,15 @@
 
 import numpy as np
 import pytest
+from PIL import Image, ImageDraw
 
+from ha2g_jax.figure import DEFAULT_LOOK, draw_figure, fit
+from ha2g_jax.figure.shapes import backdrop, project
+from ha2g_jax.motion.armature import export_axes
 from ha2g_jax.motion.formats.body_mesh import COLOURS, body_mesh
-from ha2g_jax.motion.rigs import RIGS
+from ha2g_jax.motion.formats.gltf import figure_armature
+from ha2g_jax.motion.rigs import RIGS, rest_positions
+from ha2g_jax.skeleton import load_skeleton
 
 
 @pytest.mark.parametrize("rig", RIGS)
@@ -31,6 +37,33 @@ def test_weights_of_joints_sum_to_1(animate, rig):
         assert (joints[weights == 0] == 0).all()
 
 
-def test_legs_are_drawn_where_the_rig_has_them(animate):
-    assert "trousers" not in body_mesh(animate().armature)
+def test_whole_legs_are_drawn_where_the_rig_has_them(animate):
+    assert "shoes" not in body_mesh(animate().armature)
     assert {"trousers", "shoes"} <= set(body_mesh(animate(rig="vrm").armature))
+
+
+@pytest.mark.parametrize("name", ["ted_expressive", "ted_gesture"])
+def test_the_body_is_the_person_of_the_videos(name):
+    """In the T-pose both cover the same pixels, and most of these in the same colour."""
+    skeleton, size = load_skeleton(name), 480
+    armature = figure_armature(skeleton)
+    _, places = rest_positions(armature)
+    positions = places[[armature.joint(joint) for joint in skeleton.joints]] * export_axes(skeleton)
+    view = fit([(positions[None], skeleton)])
+    flat = draw_figure(positions, skeleton, DEFAULT_LOOK, size, size, view).astype(int)
+    scale, spine = view.place(size, size)
+    solid = Image.new("RGB", (size, size), DEFAULT_LOOK.background)
+    corners, colours = [], []
+    for colour, part in body_mesh(armature).items():
+        corners.append((part.points * [1, -1, -1])[part.faces])
+        colours += [COLOURS[colour][0]] * len(part.faces)
+    triangles = np.concatenate(corners)
+    for index in np.argsort(-triangles[..., 2].mean(axis=1)):  # from back to front
+        place = project(triangles[index]) * scale + spine
+        ImageDraw.Draw(solid).polygon(place.ravel().tolist(), fill=colours[index])
+    seen = np.asarray(solid).astype(int)
+    empty = backdrop(DEFAULT_LOOK.background, size, size), Image.new("RGB", (size, size), DEFAULT_LOOK.background)
+    bodies = [np.abs(each - np.asarray(none)).max(axis=-1) > 20 for each, none in zip((flat, seen), empty, strict=True)]
+    assert (bodies[0] & bodies[1]).sum() > 0.92 * (bodies[0] | bodies[1]).sum()
+    both = bodies[0] & bodies[1]
+    assert (np.abs(flat - seen)[both].max(axis=-1) < 30).mean() > 0.85
