@@ -252,7 +252,8 @@ def body_mesh(armature: Armature) -> dict[str, Surface]:
         if f"{side}_hip" in joints:
             for colour, surface in _leg(joints, side).items():
                 parts[colour].append(surface)
-    parts["trousers"] += [_hips(joints)] if "pelvis" in joints else [_thigh(joints, sign) for sign in (1, -1)]
+    if "pelvis" not in joints:
+        parts["trousers"] += [_thigh(joints, sign) for sign in (1, -1)]
     for colour, surfaces in _head(joints).items():
         parts[colour] += surfaces
     return {colour: join(surfaces) for colour, surfaces in parts.items() if surfaces}
@@ -265,7 +266,9 @@ def _torso(joints: Joints) -> Surface:
     known = [-1.0, 0.0, 0.196, 0.26, 0.36]
     heights = np.interp(_TORSO[:, 0], known, [-size, 0, min(shoulder, neck - 0.03 * size), neck, neck + 0.1 * size])
     centres = spine + heights[:, None] * _Y + size * _TORSO[:, 3:4] * _Z
-    radii, sides, tilt = size * _TORSO[:, 1:3], 32, np.deg2rad(_TORSO[:, 4:])
+    # Over hips and legs the pullover is wider.
+    hips = smoothstep(-_TORSO[:, :1], 0.16, 0.40) * ("pelvis" in joints)
+    radii, sides, tilt = size * _TORSO[:, 1:3] * (1 + 0.14 * hips), 32, np.deg2rad(_TORSO[:, 4:])
     ahead = np.cos(tilt) * _Z - np.sin(tilt) * _Y
     x = radii[:, :1] * np.cos(2 * np.pi * np.arange(sides) / sides)
     shrugged = smoothstep(np.abs(x) / size, 0.07, 0.19) * smoothstep(_TORSO[:, 0], 0.02, 0.17)[:, None]
@@ -274,6 +277,9 @@ def _torso(joints: Joints) -> Surface:
     trunk = joints.moved_by("spine")
     if "pelvis" in joints:
         trunk = mix(joints.moved_by("pelvis"), trunk, smoothstep(heights / size, -0.33, -0.02))[:, None]
+        legs = (joints.moved_by(f"{side}_hip", "pelvis") for side in ("left", "right"))
+        swung = 0.6 * smoothstep(np.abs(x) / size, 0.0, 0.12) * smoothstep(-_TORSO[:, :1], 0.36, 0.50)
+        trunk = (1 - swung)[..., None] * trunk + swung[..., None] * np.where((x > 0)[..., None], *legs)
     influence = (1 - shrugged)[..., None] * trunk + shrugged[..., None] * clavicles
     return loft(centres, _X, ahead, radii, influence, sides=sides, squareness=2.35, caps=(0.05, -0.3))
 
@@ -285,22 +291,14 @@ def _thigh(joints: Joints, sign: int) -> Surface:
     return tube(path, size * np.array([0.078, *np.linspace(0.087, 0.08, 7)]), still, _Z, caps=(0.2, 0.2))
 
 
-def _hips(joints: Joints) -> Surface:
-    size, pelvis = joints.scale, joints["pelvis"]
-    shape = np.array([(-0.14, 0.125, 0.092), (-0.10, 0.158, 0.109), (-0.06, 0.161, 0.109), (0.0, 0.145, 0.095)])
-    centres = pelvis + size * shape[:, :1] * _Y
-    still = np.tile(joints.moved_by("pelvis"), (len(shape), 1))
-    return loft(centres, _X, _Z, size * shape[:, 1:], still, sides=28, squareness=2.35, caps=(0.3, 0.1))
-
-
 def _leg(joints: Joints, side: str) -> dict[str, Surface]:
     size = joints.scale
     hip, knee, ankle, ball = (joints[f"{side}_{part}"] for part in ("hip", "knee", "ankle", "foot"))
     at = np.linspace(0, 2, 21)  # 0 at the hip, 1 at the knee, 2 at the ankle
     path = np.stack([np.interp(at, [0, 1, 2], [a, b, c]) for a, b, c in zip(hip, knee, ankle)], axis=-1)
-    radii = size * np.interp(at, [0, 0.5, 1, 1.4, 2], [0.092, 0.080, 0.062, 0.062, 0.048])
+    radii = size * np.interp(at, [0, 0.5, 1, 1.4, 2], [0.074, 0.079, 0.062, 0.062, 0.048])
     influence = mix(joints.moved_by(f"{side}_hip"), joints.moved_by(f"{side}_knee"), smoothstep(at, 0.85, 1.15))
-    trousers = tube(path, radii, influence, _Z, caps=(0.8, 0.1))
+    trousers = tube(path, radii, influence, _Z, caps=(0.5, 0.1))
     heel = np.array([ankle[0], ball[1], ankle[2]]) - 0.02 * size * _Z
     toe = ball + 0.055 * size * _Z
     along = np.linspace(0, 1, 9)
