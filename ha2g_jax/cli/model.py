@@ -26,6 +26,7 @@ def add_commands(commands: Any) -> None:
     onnx.add_argument("checkpoint", metavar="MODEL", help=_MODEL)
     onnx.add_argument("-o", "--out", type=pathlib.Path, required=True, metavar="FILE", help=".onnx file to write")
     add_weights(onnx)
+    onnx.add_argument("--page", action="store_true", help="also write model.json beside it, which ha2g-web reads")
     onnx.set_defaults(run=_onnx)
 
     publish = parts.add_parser("publish", help="publish a model on the Hugging Face Hub, with a model card")
@@ -83,8 +84,12 @@ def _onnx(arguments: argparse.Namespace) -> None:
     with stage("exporting the model"):
         from ha2g_jax.checkpoint.onnx import export
 
-        file = export.export(arguments.checkpoint, arguments.out, weights=arguments.weights, license=arguments.license)
-    print(file)
+        path = export.export(arguments.checkpoint, arguments.out, weights=arguments.weights, license=arguments.license)
+    print(path)
+    if arguments.page:
+        from ha2g_jax.synthesis.onnx_model import write_page_description
+
+        print(write_page_description(path))
 
 
 def _publish(arguments: argparse.Namespace) -> None:

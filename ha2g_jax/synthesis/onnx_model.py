@@ -23,6 +23,7 @@ from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.text import Word
 from ha2g_jax.files.cache import cache_folder, one_maker
 from ha2g_jax.files.reading import read_json, reason, shown
+from ha2g_jax.files.writing import whole_file
 from ha2g_jax.limits import MAX_ASSETS_BYTES
 from ha2g_jax.motion.resample import num_frames
 from ha2g_jax.motion.windows import num_windows
@@ -185,6 +186,18 @@ def _blame(path: str) -> Iterator[None]:
         yield
     except (*kinds, state.NotImplemented, ValueError) as error:
         raise UserError(f"{path} cannot be used ({reason(error)}); export the model again") from error
+
+
+def write_page_description(path: str | pathlib.Path, seeds: int = NUM_SEEDS) -> pathlib.Path:
+    """Write `page_description` of an ONNX file as model.json beside it, and return its path.
+
+    Raises:
+        UserError: see `checkpoint.onnx.reading.read`, or the file cannot be written.
+    """
+    out = pathlib.Path(path).with_name("model.json")
+    with whole_file(out) as temporary:
+        temporary.write_text(json.dumps(page_description(path, seeds), separators=(",", ":")), encoding="utf-8")
+    return out
 
 
 def page_description(path: str | pathlib.Path, seeds: int = NUM_SEEDS) -> dict[str, Any]:

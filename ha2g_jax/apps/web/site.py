@@ -86,10 +86,10 @@ def _add_model(folder: pathlib.Path, checkpoint: str | pathlib.Path, weights: st
     from ha2g_jax.checkpoint.onnx.export import export
     from ha2g_jax.checkpoint.onnx.reading import read
     from ha2g_jax.motion.formats.gltf import write_figure
-    from ha2g_jax.synthesis.onnx_model import page_description
+    from ha2g_jax.synthesis.onnx_model import write_page_description
 
     model = export(checkpoint, folder / "model.onnx", weights=weights, license=license)
-    (folder / "model.json").write_text(json.dumps(page_description(model), separators=(",", ":")), encoding="utf-8")
+    write_page_description(model)
     skeleton = read(model)[0].assets.skeleton
     write_figure(folder / "figure.glb", skeleton)
     (folder / "body.json").write_text(json.dumps(pack_body(skeleton)), encoding="utf-8")

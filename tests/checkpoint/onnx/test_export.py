@@ -1,6 +1,7 @@
 """The graph of ONNX computes the windows of `generate_window`, with native operators, for any choice of a config."""
 
 import dataclasses
+import json
 
 import jax
 import numpy as np
@@ -8,11 +9,12 @@ import onnx
 import onnxruntime
 import pytest
 
+from ha2g_jax import cli
 from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.checkpoint.model_folder import LoadedModel
 from ha2g_jax.checkpoint.onnx import reading
-from ha2g_jax.checkpoint.onnx.export import build, export
+from ha2g_jax.checkpoint.onnx.export import build
 from ha2g_jax.checkpoint.onnx.reading import from_metadata, to_metadata
 from ha2g_jax.config import presets
 from ha2g_jax.config import settings as configs
@@ -166,9 +168,13 @@ def test_other_models_are_refused_by_name():
         build(draw(presets.parse("talk:debug", "seq2seq")))
 
 
-def test_a_model_folder_is_exported_as_one_file(debug, debug_folder, tmp_path):
-    path = export(debug_folder, tmp_path / "new" / "model.onnx")
+def test_a_model_folder_is_exported_as_one_file_and_for_a_page_with_its_description(debug, debug_folder, tmp_path):
+    path = tmp_path / "new" / "model.onnx"
+    assert cli.main(["model", "onnx", str(debug_folder), "-o", str(path)]) == 0
     assert [it.name for it in path.parent.iterdir()] == ["model.onnx"]
+    assert cli.main(["model", "onnx", str(debug_folder), "-o", str(path), "--page"]) == 0
+    about = json.loads((path.parent / "model.json").read_text())
+    assert about["speakers"].keys() == debug.assets.speakers.keys() and len(about["takes"]) == 100
     found = from_metadata(metadata_of(onnx.load(path)))
     assert found.assets.hash == debug.assets.hash and found.license == ""
     assert dataclasses.asdict(found.assets)["vocabulary"] == {"words": ()}

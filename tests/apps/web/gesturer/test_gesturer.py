@@ -16,7 +16,7 @@ from ha2g_jax.features.audio import read_audio
 from ha2g_jax.features.spectrum import log_mel
 from ha2g_jax.motion.control import Controls
 from ha2g_jax.synthesis import Style, load_onnx
-from ha2g_jax.synthesis.onnx_model import exported, page_description
+from ha2g_jax.synthesis.onnx_model import exported, write_page_description
 
 ROOT = pathlib.Path(__file__).parents[4]
 MODULES = ROOT / "integrations" / "web" / "node_modules"
@@ -53,7 +53,7 @@ def demo_folder(tmp_path_factory):
     """A folder with model.onnx and model.json of the demo."""
     folder = tmp_path_factory.mktemp("demo")
     path = pathlib.Path(shutil.copy(exported("demo"), folder / "model.onnx"))
-    path.with_suffix(".json").write_text(json.dumps(page_description(path)))
+    write_page_description(path)
     return folder
 
 
@@ -122,8 +122,7 @@ def test_a_stream(found, index):
 
 
 def test_a_stream_of_a_model_without_hidden_ends(debug_model, debug_onnx, do_jobs, tmp_path):
-    shutil.copy(debug_onnx, tmp_path / "model.onnx")
-    (tmp_path / "model.json").write_text(json.dumps(page_description(debug_onnx)))
+    write_page_description(shutil.copy(debug_onnx, tmp_path / "model.onnx"))
     job = {"sound": SPEECH, "out": tmp_path / "motion.f32", "piece": 4000, "options": {"hop": 5, "speaker": "ada"}}
     (answer,) = do_jobs(tmp_path, [job])
     assert "error" not in answer, answer["error"]
