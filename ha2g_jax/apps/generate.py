@@ -3,6 +3,7 @@
 import contextlib
 import os
 import pathlib
+import re
 import sys
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Unpack
@@ -20,11 +21,12 @@ from ha2g_jax.motion import formats, rigs
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.progress import progress_bar, stage
 from ha2g_jax.synthesis.generator import Audio, Generator, Options, read_speech
+from ha2g_jax.viewer.page import MAX_MOTIONS, view
 
 BACKENDS = ("jax", "onnx")
 VIDEO, PAGE = ".mp4", ".html"
 SUFFIXES = (*formats.SUFFIXES, formats.FBX, VIDEO, PAGE)
-_APPENDED = "_gestures"
+_APPENDED, _SEED = "_gestures", "_seed"
 _DEFAULT_SUFFIXES = (".npz", VIDEO)
 _EXPECTED = "a recording of speech"
 _NAMES_SHOWN = 5
@@ -40,11 +42,16 @@ class Task(NamedTuple):
 
 
 def plan(
-    speech: Path | Sequence[Path], out: Path | None = None, suffix: str | None = None, others: Sequence[Path] = ()
+    speech: Path | Sequence[Path],
+    out: Path | None = None,
+    suffix: str | None = None,
+    others: Sequence[Path] = (),
+    seeds: Sequence[int] = (0,),
 ) -> list[Task]:
     """Return what is read and written; no two files share a path, and each file of speech can be opened.
 
-    The arguments are those of `generate_files`; `others` are the paths of files that are read beside the speech.
+    The arguments are those of `generate_files`; `others` are the paths of files that are read beside the speech, and
+    `seeds` those of the takes.
 
     Raises:
         UserError: there is no speech, a file cannot be opened, a result cannot be written, or would overwrite another
@@ -65,6 +72,8 @@ def plan(
         tasks = [Task(path, _gestures(path, folder, suffix)) for path in find_speech(inputs)]
         for target in {task.paths[0].parent for task in tasks}:
             _check_writable(target)
+    if len(seeds) > 1:
+        tasks = [Task(task.speech, _take_paths(task.paths, seeds)) for task in tasks]
     results = [path for task in tasks for path in task.paths]
     check_kept(results, [*(task.speech for task in tasks), *map(pathlib.Path, others)])
     _check_distinct(tasks)
@@ -98,6 +107,12 @@ def _gestures(speech: pathlib.Path, folder: pathlib.Path | None, suffix: str | N
 
 def _with_suffixes(stem: pathlib.Path, suffix: str | None) -> tuple[pathlib.Path, ...]:
     return tuple(stem.with_name(stem.name + each) for each in ((suffix,) if suffix else _DEFAULT_SUFFIXES))
+
+
+def _take_paths(paths: Sequence[pathlib.Path], seeds: Sequence[int]) -> tuple[pathlib.Path, ...]:
+    """Return the paths of several takes, those of each together, and that of the page with all of them."""
+    takes = [path.with_name(f"{path.stem}{_SEED}{seed}{path.suffix}") for seed in seeds for path in paths]
+    return (*takes, paths[0].with_name(f"{paths[0].stem}_takes{PAGE}"))
 
 
 def find_speech(inputs: Sequence[pathlib.Path]) -> list[pathlib.Path]:
@@ -152,7 +167,7 @@ def _files_in(folder: pathlib.Path) -> list[pathlib.Path]:
 def _speech_among(files: Sequence[pathlib.Path]) -> list[pathlib.Path]:
     sounds = [path for path in files if has_sound(path)]
     results = {f"{path.stem}{_APPENDED}" for path in sounds}
-    return [path for path in sounds if path.stem not in results]
+    return [path for path in sounds if re.sub(rf"{_SEED}\d+$", "", path.stem) not in results]
 
 
 def _check_speech(path: pathlib.Path) -> None:
@@ -214,6 +229,7 @@ def generate_files(
     words: pathlib.Path | None = None,
     size: int | tuple[int, int] = 720,
     camera: str | None = None,
+    takes: int = 1,
     report: Callable[[pathlib.Path], None] = lambda path: None,
     **options: Unpack[Options],
 ) -> tuple[pathlib.Path, ...]:
@@ -235,6 +251,8 @@ def generate_files(
             transcript beside the speech is used. HA2G needs none.
         size: width and height of the video in pixels, one number for both.
         camera: camera of video and page, one of `figure.CAMERAS`, by default "body".
+        takes: number of motions for each file, with the seeds `seed`, `seed + 1` and so on; of several, the names of
+            the files end in `_seed0` and so on, and a page whose name ends in `_takes` shows all side by side.
         report: is called with the path of each file when it is complete.
         options: keyword arguments of `Generator.generate`.
 
@@ -246,7 +264,11 @@ def generate_files(
     if words is not None:
         with reading(words, "a transcript"), words.open("rb"):
             pass
-    tasks = plan(speech, out, suffix, _others(words, options))
+    if not 1 <= takes <= MAX_MOTIONS:
+        raise UserError(f"{takes} takes; expected 1 to {MAX_MOTIONS}")
+    first = options.get("seed", 0)
+    seeds = range(first, first + takes)
+    tasks = plan(speech, out, suffix, _others(words, options), seeds)
     if words is not None and len(tasks) > 1:
         raise UserError(f"{shown(words)} is one transcript, and there are {len(tasks)} files; leave out --words")
     for path in (path for task in tasks for path in task.paths):
@@ -266,14 +288,14 @@ def generate_files(
         results = [path for task in tasks for path in task.paths]
         check_kept(results, [find_transcript(task.speech) for task in tasks])
     if len(tasks) == 1:
-        _generate(model, tasks[0], words, rig, picture, report, options)
+        _generate(model, tasks[0], seeds, words, rig, picture, report, options)
         return tasks[0].paths
     model.check_options(**options)  # said once, not for each file
     failed = 0
     with progress_bar("generating", len(tasks), "file") as bar:
         for task in tasks:
             try:
-                _generate(model, task, None, rig, picture, report, options)
+                _generate(model, task, seeds, None, rig, picture, report, options)
             except UserError as error:
                 failed += 1
                 tqdm.write(f"{shown(task.speech)} failed: {error}", file=sys.stderr)
@@ -296,6 +318,7 @@ def _others(words: pathlib.Path | None, options: Options) -> list[Path]:
 def _generate(
     model: Generator[Any],
     task: Task,
+    seeds: Sequence[int],
     words: pathlib.Path | None,
     rig: str | None,
     picture: dict[str, Any],
@@ -308,10 +331,15 @@ def _generate(
     with contextlib.ExitStack() as stack:
         # The files are opened before the work, so that a path that cannot be written is noticed early.
         temporary = [stack.enter_context(whole_file(path)) for path in task.paths]
-        with stage(f"generating {audio.duration:.1f} s of motion"):
-            motion = model.generate(audio, words=spoken, **options)
-        for path in temporary:
-            _write(path, motion, audio, spoken, rig, picture)
+        motions = {}
+        for index, seed in enumerate(seeds):
+            with stage(f"generating {audio.duration:.1f} s of motion" + f", seed {seed}" * (len(seeds) > 1)):
+                motion = motions[f"seed {seed}"] = model.generate(audio, words=spoken, **{**options, "seed": seed})
+            count = len(temporary) // len(seeds)
+            for path in temporary[index * count : (index + 1) * count]:
+                _write(path, motion, audio, spoken, rig, picture)
+        if len(seeds) > 1:
+            view(motions, audio.samples, words=spoken, camera=picture["camera"]).save(temporary[-1])
     for path in task.paths:
         report(path)
 
@@ -332,8 +360,6 @@ def _write(
         return
     with stage(f"writing {suffix}"):
         if suffix == PAGE:
-            from ha2g_jax.viewer import view
-
             name = shown(pathlib.Path(audio.name or "").stem)
             view({name: motion}, audio.samples, words=words, camera=picture["camera"]).save(path)
         else:

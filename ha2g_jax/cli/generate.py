@@ -52,6 +52,13 @@ def add_commands(commands: Any) -> None:
         "(default: onnx for an .onnx, else jax)",
     )
     command.add_argument("--seed", type=read_seed, default=0, help="seed of all random choices (default: 0)")
+    command.add_argument(
+        "--takes",
+        type=int,
+        default=1,
+        metavar="N",
+        help="make N takes, with the seeds SEED, SEED+1 and so on, each in its own files, and a page to choose from",
+    )
     command.add_argument("--fps", type=float, help="frames per second of the motion, 1 to 240 (default: the model's)")
     command.add_argument(
         "--words", type=pathlib.Path, help="transcript, or FILE#SPEAKER, for a model that reads words (default: beside)"
@@ -171,6 +178,7 @@ def run(arguments: argparse.Namespace) -> None:
         words=arguments.words,
         size=read_size(arguments.size),
         camera=arguments.camera,
+        takes=arguments.takes,
         report=_print_path,
     )
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from ha2g_jax.motion import lower_body, rotations
 from ha2g_jax.motion.lower_body import LowerBody
-from ha2g_jax.skeleton import Skeleton, mirror_directions, normalize
+from ha2g_jax.skeleton import Skeleton, load_skeleton, mirror_directions, normalize
 
 UP, LEFT = np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])
 FOUR_FINGERS = ("index", "middle", "ring", "pinky")
@@ -117,6 +117,11 @@ def ha2g_armature(skeleton: Skeleton) -> Armature:
     grow(0, 0)
     rest = np.tile(rotations.IDENTITY, (len(joints), 1))
     return Armature("ha2g", tuple(joints), tuple(parents), np.array(offsets), rest)
+
+
+def figure_armature(skeleton: Skeleton) -> Armature:
+    """Return the armature of a motion: the rest pose of the package's skeleton, with the bone lengths of its own."""
+    return ha2g_armature(dataclasses.replace(load_skeleton(skeleton.name), lengths=skeleton.lengths))
 
 
 def add_lower_body(animation: Animation, lower: LowerBody) -> Animation:

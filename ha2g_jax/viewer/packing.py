@@ -12,10 +12,9 @@ import numpy as np
 import soxr
 
 from ha2g_jax.figure import CAMERAS, SHIRTS, Colour
-from ha2g_jax.motion.armature import export_axes
+from ha2g_jax.motion.armature import export_axes, figure_armature
 from ha2g_jax.motion.formats import video
 from ha2g_jax.motion.formats.body_mesh import COLOURS, body_mesh
-from ha2g_jax.motion.formats.gltf import figure_armature
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.rigs import rest_positions
 from ha2g_jax.skeleton import Skeleton, load_skeleton, normalize

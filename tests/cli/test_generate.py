@@ -9,10 +9,12 @@ import av
 import numpy as np
 import pytest
 import soundfile
+from fixtures.pages import Page
 
 from ha2g_jax import cli
 from ha2g_jax.apps.generate import SUFFIXES, find_transcript, generate_files, out_paths, plan
 from ha2g_jax.errors import UserError
+from ha2g_jax.figure import CAMERAS
 from ha2g_jax.motion.control import rest_pose
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import load_skeleton
@@ -44,6 +46,35 @@ def test_writes_motion_and_video(debug_folder, speech, tmp_path, capsys):
     assert meta["style"] == {"kind": "speaker", "speaker": "ada", "variation": 0.3}
     with av.open(f"{out}.mp4") as container:
         assert (container.duration or 0) / av.time_base == pytest.approx(1, abs=0.04)
+
+
+def test_takes_are_those_of_their_seeds_with_a_page_to_choose_from(debug_folder, speech, tmp_path, capsys):
+    options = [speech, "--checkpoint", debug_folder]
+    assert generate(*options, "-o", tmp_path / "talk.npz", "--takes", 3, "--seed", 8, "--camera", "close") == 0
+    names = ["talk_seed8.npz", "talk_seed9.npz", "talk_seed10.npz", "talk_takes.html"]
+    assert capsys.readouterr().out.split() == [str(tmp_path / name) for name in names]
+    assert generate(*options, "-o", tmp_path / "one.npz", "--seed", 9) == 0
+    takes = [Motion.load(tmp_path / name).directions for name in names[:3]]
+    np.testing.assert_array_equal(takes[1], Motion.load(tmp_path / "one.npz").directions)
+    assert all((takes[0] != take).any() for take in takes[1:])
+    content = json.loads(Page((tmp_path / names[3]).read_text()).of("content"))
+    assert [motion["name"] for motion in content["motions"]] == ["seed 8", "seed 9", "seed 10"]
+    assert content["view"] == list(CAMERAS["close"])
+    assert content["sound"]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--takes", "0"], "0 takes; expected 1 to 12"),
+        (["--takes", "13"], "13 takes; expected 1 to 12"),
+        (["--camera", "close", "--format", "bvh"], "--camera is for .mp4 and .html, not .bvh; leave it out"),
+    ],
+)
+def test_takes_and_cameras_that_are_none_are_refused(speech, capsys, options, message):
+    assert generate(speech, *options) == 2
+    assert capsys.readouterr().err.splitlines() == [f"ha2g: {message}"]
+    assert list(speech.parent.iterdir()) == [speech]
 
 
 def test_controls_reach_the_motion_and_its_record(debug_folder, speech, tmp_path):
@@ -178,7 +209,7 @@ def test_a_mistake_is_one_line_and_leaves_nothing(debug_folder, speech, bad_file
 def recordings(speech):
     """A folder with two recordings, notes, what is hidden, a folder, and the result of an earlier run."""
     folder = speech.parent
-    for name in ("second.flac", "speech_gestures.mp4", ".hidden.wav"):
+    for name in ("second.flac", "speech_gestures.mp4", "speech_gestures_seed3.mp4", ".hidden.wav"):
         shutil.copy(speech, folder / name)
     (folder / "notes.txt").write_text("first: speech, second: second")
     (folder / "older.wav").mkdir()
@@ -189,7 +220,8 @@ def test_the_speech_of_a_folder_is_its_sound(recordings, tmp_path, capsys):
     tasks = plan(recordings)
     assert [task.speech.name for task in tasks] == ["second.flac", "speech.wav"]
     assert tasks[0].paths == (recordings / "second_gestures.npz", recordings / "second_gestures.mp4")
-    message = f"skipping files that are not speech in {recordings}: notes.txt, speech_gestures.mp4\n"
+    message = f"skipping files that are not speech in {recordings}: notes.txt, speech_gestures.mp4, "
+    message += "speech_gestures_seed3.mp4\n"
     assert capsys.readouterr().err == message
     in_folder = plan([recordings / "second.flac", recordings / "speech.wav"], tmp_path / "new", ".bvh")
     assert [task.paths for task in in_folder] == [

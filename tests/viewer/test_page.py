@@ -15,8 +15,8 @@ from fixtures.pages import Page
 from ha2g_jax import cli
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Word
+from ha2g_jax.motion.armature import figure_armature
 from ha2g_jax.motion.formats.body_mesh import body_mesh
-from ha2g_jax.motion.formats.gltf import figure_armature
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import normalize
 from ha2g_jax.viewer import view

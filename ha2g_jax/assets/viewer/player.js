@@ -43,10 +43,11 @@ class Player {
     this.clock = content.sound ? new SoundClock(content.sound, this.duration) : new SilentClock(this.duration);
     this.find = (selector) => document.querySelector(selector);
     this.stage = new Stage(this.find("#stage"), motions, content.view);
-    motions.forEach((motion, figure) => {
-      for (let i = 0; i < motion.frames; i++) this.stage.include(figure, motion.positionsAt(i / motion.fps));
+    const curves = motions.map((motion, figure) => {
+      return { fps: motion.fps, colour: this.stage.shirts[figure], speeds: this.see(motion, figure) };
     });
-    this.timeline = new Timeline(this.find("#timeline"), content, peaks, (time) => this.seek(time));
+    const shown = motions.length > 1 ? curves : [];
+    this.timeline = new Timeline(this.find("#timeline"), content, peaks, (time) => this.seek(time), shown);
     this.speed = 1;
     this.isLooping = false;
     this.isSmooth = true;
@@ -55,6 +56,20 @@ class Player {
   }
 
   get time() { return this.clock.time; }
+
+  // Fits the view to all frames of a motion, and returns the speed of both wrists in each, in metres per second.
+  see(motion, figure) {
+    const wrists = ["left_wrist", "right_wrist"].map((name) => 3 * motion.joints.indexOf(name));
+    let before = null;
+    return Array.from({ length: motion.frames }, (_, frame) => {
+      const positions = motion.positionsAt(frame / motion.fps, false);
+      this.stage.include(figure, positions);
+      const places = wrists.map((i) => [...positions.subarray(i, i + 3)]);
+      const steps = places.map((place, k) => Math.hypot(...place.map((at, axis) => at - (before || places)[k][axis])));
+      before = places;
+      return motion.fps * (steps[0] + steps[1]);
+    });
+  }
 
   async play() {
     if (this.time >= this.duration) this.clock.time = 0;

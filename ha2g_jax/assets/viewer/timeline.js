@@ -4,8 +4,8 @@
 const SPAN = 10; // seconds in the lower strip
 
 class Timeline {
-  constructor(canvas, content, peaks, seek) {
-    Object.assign(this, { canvas, peaks, seek });
+  constructor(canvas, content, peaks, seek, curves = []) {
+    Object.assign(this, { canvas, peaks, seek, curves });
     this.duration = content.duration;
     this.words = content.words;
     this.peakRate = content.peakRate;
@@ -63,6 +63,7 @@ class Timeline {
     }
     this.ticks(pen, first, width, height);
     this.wave(pen, first, this.span, width, top + 2, height - wordLine - 18, time);
+    this.speeds(pen, first, width, top + 2, height - wordLine - 18);
     this.chips(pen, first, width, height - wordLine - 14, time);
     pen.fillStyle = this.colours.accent;
     pen.fillRect(((time - first) / this.span) * width - 1, top, 2, height - top - 14);
@@ -78,6 +79,21 @@ class Timeline {
       const high = Math.max(0.6, half * (loud / 255));
       pen.fillStyle = start < time ? this.colours.played : this.colours.wave;
       pen.fillRect(x, middle - high, step - 1, 2 * high);
+    }
+  }
+
+  // The speed of the hands of each figure, in the colour of its shirt.
+  speeds(pen, first, width, top, bottom) {
+    const most = this.curves.reduce((most, { speeds }) => speeds.reduce((a, b) => Math.max(a, b), most), 0.1);
+    for (const { fps, colour, speeds } of this.curves) {
+      pen.strokeStyle = colour;
+      pen.lineWidth = 1.5;
+      pen.beginPath();
+      const last = Math.min(Math.ceil((first + this.span) * fps), speeds.length - 1);
+      for (let frame = Math.floor(first * fps); frame <= last; frame++) {
+        pen.lineTo(((frame / fps - first) / this.span) * width, bottom - (bottom - top) * (speeds[frame] / most));
+      }
+      pen.stroke();
     }
   }
 

@@ -1,6 +1,5 @@
 """glTF 2.0: `.glb` files with a skinned body, and `.vrma` files, VRM animations without a mesh."""
 
-import dataclasses
 import json
 import pathlib
 from typing import Any
@@ -11,10 +10,10 @@ import pygltflib
 from ha2g_jax.figure import Colour
 from ha2g_jax.files.writing import whole_file
 from ha2g_jax.motion import rotations
-from ha2g_jax.motion.armature import Animation, Armature, ha2g_armature
+from ha2g_jax.motion.armature import Animation, figure_armature
 from ha2g_jax.motion.formats.body_mesh import COLOURS, body_mesh
 from ha2g_jax.motion.rigs import rest_positions
-from ha2g_jax.skeleton import Skeleton, load_skeleton
+from ha2g_jax.skeleton import Skeleton
 
 # A joint that changes by less than this needs no channel: its node already has the rest rotation.
 _STILL = 1e-9
@@ -63,11 +62,6 @@ def write_figure(path: str | pathlib.Path, skeleton: Skeleton) -> None:
     """
     armature = figure_armature(skeleton)
     write_glb(path, Animation(armature, armature.rest[None], np.zeros((1, 3)), 15.0, {}))
-
-
-def figure_armature(skeleton: Skeleton) -> Armature:
-    """Return the armature of a motion: the rest pose of the package's skeleton, with the bone lengths of its own."""
-    return ha2g_armature(dataclasses.replace(load_skeleton(skeleton.name), lengths=skeleton.lengths))
 
 
 class Document:
