@@ -55,6 +55,9 @@ class Skeleton:
     angle_variance: np.ndarray
     angle_change: np.ndarray
 
+    def __repr__(self) -> str:
+        return f"Skeleton({self.name!r}, {self.num_joints} joints, {self.num_bones} bones, {self.num_levels} levels)"
+
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Skeleton) and self._values == other._values
 

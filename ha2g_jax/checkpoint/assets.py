@@ -26,6 +26,10 @@ class Assets:
     seed_poses: np.ndarray  # (K, M, bones, 3) float32 unit vectors, calm poses that generation starts from
     hash: str = ""  # of the weights, "" before training
 
+    def __repr__(self) -> str:
+        counts = f"{len(self.vocabulary.words)} words, {len(self.speakers)} speakers, {len(self.seed_poses)} seed poses"
+        return f"Assets({self.skeleton.name}, {counts}, hash {self.hash or 'none'})"
+
 
 def to_json(assets: Assets) -> dict[str, Any]:
     """Return assets as plain values, from which `from_json` restores them exactly."""

@@ -38,6 +38,9 @@ class LoadedModel(NamedTuple):
     assets: Assets
     config: Config  # settings that the networks are built from
 
+    def __repr__(self) -> str:
+        return f"LoadedModel({self.config.name!r}, {self.spec!r}, {self.assets!r})"
+
 
 def load(spec: str | pathlib.Path) -> LoadedModel:
     """Load a model: "demo", a model folder, a workdir, a checkpoint in a workdir, or hf://OWNER/NAME@REVISION.

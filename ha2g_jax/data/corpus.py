@@ -46,6 +46,9 @@ class Clips(Sequence[Clip]):
         self._sources = [_open_shard(shard) for shard in self._shards]
         self._ends = list(itertools.accumulate(len(source) for source in self._sources))
 
+    def __repr__(self) -> str:
+        return f"Clips({len(self)} clips, {self.fps:g} fps)"
+
     def __len__(self) -> int:
         return self._ends[-1] if self._ends else 0
 
@@ -112,6 +115,10 @@ class Corpus:
 
     path: pathlib.Path
     metadata: dict[str, Any]
+
+    def __repr__(self) -> str:
+        splits = ", ".join(f"{split} {values['clips']}" for split, values in self.metadata["splits"].items())
+        return f"Corpus({str(self.path)!r}, {self.metadata['skeleton']}, {self.fps:g} fps, clips: {splits})"
 
     @classmethod
     def open(cls, path: str | os.PathLike) -> "Corpus":

@@ -90,6 +90,9 @@ class Clip:
     recording: str = ""
     confidence: np.ndarray | None = None
 
+    def __repr__(self) -> str:
+        return f"Clip({self.id!r}, {self.speaker!r}, {len(self.positions)} frames, {len(self.words)} words)"
+
 
 def encode_clip(clip: Clip) -> bytes:
     """Encode a clip as msgpack, audio in FLAC (16 bit) and images in JPEG; equal clips give equal bytes."""

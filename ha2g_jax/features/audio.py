@@ -1,6 +1,7 @@
 """Sound of recordings as mono samples at 16 kHz, decoded by libsndfile or by FFmpeg in little memory."""
 
 import contextlib
+import functools
 import logging
 import pathlib
 from collections.abc import Callable, Generator, Iterator
@@ -98,26 +99,51 @@ def read_audio(path: str | pathlib.Path, max_seconds: float = MAX_SOUND_SECONDS)
     # Sums of samples that are damaged may be infinite.
     with reading(path, "a recording of speech"), np.errstate(over="ignore", invalid="ignore"):
         try:
-            samples = _mono(_libsndfile_blocks, path, max_seconds)
+            return _mono(functools.partial(_libsndfile_blocks, path), shown(path), max_seconds)
         except _SOUNDFILE_ERRORS:
-            samples = _mono(_ffmpeg_blocks, path, max_seconds)
-    if np.ptp(samples) < _INAUDIBLE:
-        _logger.warning("no sound in %s: nothing is to be heard in it", shown(path))
-    peak = max(samples.max(), -samples.min())
-    if peak > 1:
-        samples /= peak
-    return samples
+            return _mono(functools.partial(_ffmpeg_blocks, path), shown(path), max_seconds)
 
 
-def _mono(decode: Callable[[pathlib.Path], Iterator[_Block]], path: pathlib.Path, max_seconds: float) -> np.ndarray:
-    """Return the mean of the channels of a file, or the loudest channel if they cancel each other."""
-    samples, power, powers = _collect(decode(path), shown(path), max_seconds)
+def convert_samples(samples: np.ndarray, rate: int) -> np.ndarray:
+    """Convert sound that another library has read, by the rules of `read_audio`.
+
+    Args:
+        samples: (samples,), (samples, channels) or (channels, samples), floats or signed integers.
+        rate: samples per second.
+
+    Raises:
+        UserError: these are no samples and their rate, or the sound cannot be used, see `read_audio`.
+    """
+    expected = "expected (samples, rate), an array of sound and its samples per second, as soundfile.read returns it"
+    sound = np.asarray(samples)
+    if np.ndim(rate) or not np.issubdtype(np.asarray(rate).dtype, np.number) or sound.ndim not in (1, 2):
+        raise UserError(f"the speech is a pair of {type(samples).__name__} and {type(rate).__name__}; {expected}")
+    if not MIN_SOUND_RATE <= rate <= MAX_SOUND_RATE or rate != int(rate):
+        raise UserError(f"the speech has {rate} samples per second; {expected}")
+    if np.issubdtype(sound.dtype, np.signedinteger):
+        sound = sound / -float(np.iinfo(sound.dtype).min)
+    elif not np.issubdtype(sound.dtype, np.floating):
+        raise UserError(f"the speech is an array of {sound.dtype}; expected floats or signed integers")
+    sound = sound[:, None] if sound.ndim == 1 else sound.T if sound.shape[0] < sound.shape[1] else sound
+    if sound.shape[1] > MAX_SOUND_CHANNELS:
+        raise UserError(f"the speech has the shape {np.shape(samples)}; {expected}")
+    block = _Block(np.ascontiguousarray(sound, np.float32), int(rate))
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _mono(lambda: iter([block]), "the speech", MAX_SOUND_SECONDS)
+
+
+def _mono(decode: Callable[[], Iterator[_Block]], name: str, max_seconds: float) -> np.ndarray:
+    """Return the mean of the channels, or the loudest channel if they cancel each other, with a peak of at most 1."""
+    samples, power, powers = _collect(decode(), name, max_seconds)
     # The mean of sounds that have nothing to do with each other has the power sum(powers) / channels^2.
     if power < _CANCELLED * powers.sum() / len(powers) ** 2:
         channel = int(powers.argmax())
-        _logger.warning("%s: its channels cancel each other; channel %d is used", shown(path), channel + 1)
-        samples, _, _ = _collect(decode(path), shown(path), max_seconds, channel)
-    return samples
+        _logger.warning("%s: its channels cancel each other; channel %d is used", name, channel + 1)
+        samples, _, _ = _collect(decode(), name, max_seconds, channel)
+    if np.ptp(samples) < _INAUDIBLE:
+        _logger.warning("no sound in %s: nothing is to be heard in it", name)
+    peak = max(samples.max(), -samples.min())
+    return samples / peak if peak > 1 else samples
 
 
 def _collect(

@@ -29,6 +29,9 @@ class Vocabulary:
 
     words: tuple[str, ...]
 
+    def __repr__(self) -> str:
+        return f"Vocabulary({len(self.words)} words)"
+
     @classmethod
     def from_words(cls, words: Iterable[str]) -> "Vocabulary":
         """Make the vocabulary of running words: most frequent first, ties in alphabetical order."""

@@ -55,6 +55,10 @@ class Spec(NamedTuple):
     num_reference_images: int
     image_size: int
 
+    def __repr__(self) -> str:
+        window = f"{self.num_frames} frames, {self.num_seed_frames} of them given"
+        return f"Spec({self.method!r}, {self.skeleton.name}, {self.fps} fps, {window})"
+
 
 class Compute(NamedTuple):
     """How a training step computes the networks, which changes its memory and speed but not its objective.

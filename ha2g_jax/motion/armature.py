@@ -39,6 +39,9 @@ class Armature:
     offsets: np.ndarray
     rest: np.ndarray
 
+    def __repr__(self) -> str:
+        return f"Armature({self.name!r}, {len(self.joints)} joints)"
+
     def joint(self, name: str) -> int:
         return self.joints.index(name)
 
@@ -52,6 +55,9 @@ class Animation:
     translation: np.ndarray
     fps: float
     meta: dict[str, Any]
+
+    def __repr__(self) -> str:
+        return f"Animation({self.armature.name!r}, {self.num_frames} frames, {self.fps:g} fps)"
 
     @property
     def num_frames(self) -> int:

@@ -49,6 +49,9 @@ class LowerBody:
     rotations: np.ndarray
     translation: np.ndarray
 
+    def __repr__(self) -> str:
+        return f"LowerBody({len(self.rotations)} frames)"
+
     def positions(self) -> np.ndarray:
         """Compute (T, 9, 3) positions of `JOINTS` in metres from the origin of the file."""
         places = np.empty((*self.rotations.shape[:2], 3))

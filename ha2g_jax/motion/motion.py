@@ -61,6 +61,11 @@ class Motion:
     lower: LowerBody | None = None
     face: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        parts = [name for name, value in (("lower body", self.lower), ("face", self.face)) if value]
+        facts = [f"{self.num_frames} frames", f"{self.fps:g} fps", f"{self.num_frames / self.fps:.2f} s"]
+        return f"Motion({', '.join([*facts, str(self.meta.get('skeleton')), *parts])})"
+
     @classmethod
     def from_directions(
         cls, skeleton: Skeleton, directions: np.ndarray, fps: float, meta: dict[str, Any] | None = None

@@ -12,7 +12,7 @@ import numpy as np
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.checkpoint.onnx.reading import Description
 from ha2g_jax.errors import UserError
-from ha2g_jax.features.audio import SAMPLE_RATE, check_samples, read_audio
+from ha2g_jax.features.audio import SAMPLE_RATE, check_samples, convert_samples, read_audio
 from ha2g_jax.features.text import Word
 from ha2g_jax.files.reading import shown
 from ha2g_jax.limits import MAX_FPS, MIN_FPS
@@ -50,12 +50,18 @@ class Audio(NamedTuple):
         """Duration in seconds."""
         return len(self.samples) / SAMPLE_RATE
 
+    def __repr__(self) -> str:
+        return f"Audio({self.name or 'samples'}, {self.duration:.2f} s)"
 
-Speech = str | pathlib.Path | np.ndarray | Audio
+
+Speech = str | pathlib.Path | np.ndarray | tuple[np.ndarray, int] | Audio
 
 
 def read_speech(speech: Speech) -> Audio:
-    """Read and check speech: a file with sound, (samples,) float mono samples at 16 kHz, or a result of this function.
+    """Read and check speech: a file with sound, sound with its rate, or (samples,) float mono samples at 16 kHz.
+
+    Sound with its rate is (samples, rate), as soundfile.read, librosa.load and torchaudio.load return it; it is mixed
+    and resampled as that of a file. A result of this function is returned as it is.
 
     Raises:
         UserError: the speech cannot be used, see `features.audio.read_audio`.
@@ -64,6 +70,8 @@ def read_speech(speech: Speech) -> Audio:
         return speech
     if isinstance(speech, str | pathlib.Path):
         return Audio(read_audio(speech), shown(pathlib.Path(speech).name))
+    if isinstance(speech, tuple) and len(speech) == 2:
+        return Audio(convert_samples(*speech))
     samples = np.asarray(speech)
     if samples.ndim != 1 or not np.issubdtype(samples.dtype, np.floating):
         raise UserError(f"speech is an array of {samples.dtype}, shape {samples.shape}; expected float mono at 16 kHz")
@@ -140,6 +148,15 @@ class Generator(abc.ABC, Generic[S]):
     spec: S
     assets: Assets
 
+    def __repr__(self) -> str:
+        size = f"{self.fps} fps, {len(self.speakers)} speakers, hash {self.assets.hash}"
+        return f"{type(self).__name__}({self.name!r}, {self.spec.method}, {self.assets.skeleton.name}, {size})"
+
+    @property
+    def speakers(self) -> tuple[str, ...]:
+        """Names of the speakers of training, which a `Style` takes."""
+        return tuple(self.assets.speakers)
+
     @property
     @abc.abstractmethod
     def name(self) -> str:
@@ -191,7 +208,8 @@ class Generator(abc.ABC, Generic[S]):
         """Generate gestures for speech; the same arguments give the same motion.
 
         Args:
-            speech: path of a file with sound, (samples,) float mono samples at 16 kHz, or the result of `read_speech`.
+            speech: path of a file with sound, (samples, rate) as soundfile.read or librosa.load return it, (samples,)
+                float mono samples at 16 kHz, or the result of `read_speech`.
             style: requested style; by default a random one with `seed`, see `style.choose_style`.
             seed: seed of all random choices.
             seed_pose: motion, or the path of its `.npz`, that this motion continues: frame 0 is the first of the last M

@@ -27,7 +27,7 @@ from ha2g_jax.synthesis.stream import Stream
 from ha2g_jax.synthesis.style import RANDOM, Style, choose_style
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Model(Generator[Spec]):
     """A trained generator that computes with JAX, see `load`.
 

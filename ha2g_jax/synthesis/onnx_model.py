@@ -41,7 +41,7 @@ NUM_SEEDS = 100
 _TEXTS = ("format", "name", "method", "hash", "license", "weights")
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class OnnxModel(Generator[Description]):
     """A trained generator that computes with ONNX Runtime, see `load_onnx`.
 

@@ -46,6 +46,9 @@ class Stream:
         muted: whether the arms rest; may be assigned at any time.
     """
 
+    def __repr__(self) -> str:
+        return f"Stream({self.spec.method}, {self.fps} fps, look-ahead {self.look_ahead}, hop {self.hop})"
+
     def __init__(
         self,
         spec: Spec,

@@ -49,6 +49,35 @@ def test_reads_what_only_ffmpeg_reads(tmp_path):
     assert np.abs(samples).max() == pytest.approx(0.3, abs=0.05)
 
 
+@pytest.mark.parametrize("form", [np.asarray, np.transpose])
+@pytest.mark.parametrize("dtype", ["float32", "float64", "int16", "int32"])
+@pytest.mark.parametrize(("rate", "channels"), [(44_100, 2), (16_000, 1)])
+def test_sound_of_another_library_is_that_of_its_file(tmp_path, form, dtype, rate, channels):
+    path = tmp_path / "speech.wav"
+    soundfile.write(path, 3 * noise(channels * rate).reshape(-1, channels).squeeze(), rate, subtype="PCM_16")
+    sound, rate = soundfile.read(path, dtype=dtype)
+    np.testing.assert_array_equal(audio.convert_samples(form(sound), rate), audio.read_audio(path))
+
+
+@pytest.mark.parametrize(
+    ("pair", "message"),
+    [
+        ((16_000, noise(16_000)), "pair of int and ndarray; expected .samples, rate."),
+        ((noise(16_000), "16 kHz"), "expected .samples, rate."),
+        ((noise(16_000), 0), "0 samples per second"),
+        ((noise(16_000) > 0, 16_000), "array of bool"),
+        ((noise(16_000).reshape(2, 80, 100), 16_000), "expected .samples, rate."),
+        ((noise(16_000).reshape(100, 160), 16_000), "shape .100, 160."),
+        ((noise(160), 16_000), "0.010 s"),
+        ((np.full(16_000, np.nan), 16_000), "only NaN"),
+    ],
+)
+def test_no_sound_with_its_rate_is_refused_in_one_line(pair, message):
+    with pytest.raises(UserError, match=message) as caught:
+        audio.convert_samples(*pair)
+    assert "\n" not in str(caught.value)
+
+
 @pytest.mark.parametrize("rate", [8_000, 11_025, 44_100, 48_000, 96_000])
 def test_sound_resampled_in_blocks_is_that_resampled_at_once(tmp_path, monkeypatch, rate):
     monkeypatch.setattr("ha2g_jax.features.audio._BLOCK", 999)

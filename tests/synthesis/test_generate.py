@@ -11,7 +11,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+import ha2g_jax
 from ha2g_jax import synthesis
+from ha2g_jax.checkpoint import model_folder
+from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import read_audio
 from ha2g_jax.features.spectrum import log_mel, mel_window
@@ -19,6 +22,7 @@ from ha2g_jax.methods import METHODS
 from ha2g_jax.methods.ha2g import method as ha2g
 from ha2g_jax.methods.method import restore, subtract_mean
 from ha2g_jax.metrics.seams import WIDTH, seam_score
+from ha2g_jax.motion import rigs
 from ha2g_jax.motion.resample import resample
 from ha2g_jax.synthesis import Style, scan
 
@@ -41,6 +45,26 @@ def test_frames_are_duration_times_fps_rounded(debug_model, seconds, fps):
     assert motion.directions.dtype == motion.positions.dtype == np.float32
     assert motion.fps == (fps or 15)
     np.testing.assert_allclose(np.linalg.norm(motion.directions, axis=-1), 1, atol=1e-5)
+
+
+def test_what_a_notebook_prints_has_one_short_line(debug_model, tiny_talk):
+    corpus = Corpus.open(tiny_talk)
+    motion = debug_model.generate((speech(1), 16000))
+    armature = rigs.ha2g_armature(motion.skeleton)
+    shown = [debug_model, debug_model.spec, debug_model.assets, debug_model.assets.vocabulary, debug_model.stream()]
+    shown += [corpus, corpus.clips("train"), corpus.clips("train")[0], motion, motion.skeleton, armature]
+    shown += [synthesis.read_speech(speech(1)), model_folder.load("demo")]
+    for value in shown:
+        text = repr(value)
+        assert text.startswith(f"{type(value).__name__}(") and len(text) < 300 and "array" not in text
+    assert repr(motion) == "Motion(15 frames, 15 fps, 1.00 s, ted_expressive)"
+    assert debug_model.speakers == tuple(debug_model.assets.speakers)
+
+
+def test_the_package_names_what_it_has():
+    for module in (ha2g_jax, synthesis):
+        assert set(module.__all__) <= set(dir(module))
+        assert all(callable(getattr(module, name)) for name in module.__all__)
 
 
 def test_frames_of_another_rate_lie_on_those_of_the_models_rate(debug_model):
