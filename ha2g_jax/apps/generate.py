@@ -30,6 +30,7 @@ _APPENDED, _SEED = "_gestures", "_seed"
 _DEFAULT_SUFFIXES = (".npz", VIDEO)
 _EXPECTED = "a recording of speech"
 _NAMES_SHOWN = 5
+_SIZE = 720  # pixels of a side of a video
 
 Path = str | pathlib.Path
 
@@ -227,7 +228,7 @@ def generate_files(
     suffix: str | None = None,
     rig: str | None = None,
     words: pathlib.Path | None = None,
-    size: int | tuple[int, int] = 720,
+    size: int | tuple[int, int] | None = None,
     camera: str | None = None,
     takes: int = 1,
     report: Callable[[pathlib.Path], None] = lambda path: None,
@@ -249,7 +250,7 @@ def generate_files(
         rig: joints of the results, see `motion.formats.export`; video and page have none.
         words: path of a transcript of the speech, for a model that reads words, where there is one file; by default a
             transcript beside the speech is used. HA2G needs none.
-        size: width and height of the video in pixels, one number for both.
+        size: width and height of the video in pixels, one number for both; 720 by default.
         camera: camera of video and page, one of `figure.CAMERAS`, by default "body".
         takes: number of motions for each file, with the seeds `seed`, `seed + 1` and so on; of several, the names of
             the files end in `_seed0` and so on, and a page whose name ends in `_takes` shows all side by side.
@@ -271,19 +272,24 @@ def generate_files(
     tasks = plan(speech, out, suffix, _others(words, options), seeds)
     if words is not None and len(tasks) > 1:
         raise UserError(f"{shown(words)} is one transcript, and there are {len(tasks)} files; leave out --words")
-    for path in (path for task in tasks for path in task.paths):
+    suffixes = {path.suffix.lower() for path in tasks[0].paths}
+    kinds = {"size": (size, (VIDEO,)), "camera": (camera, (VIDEO, PAGE)), "rig": (rig, formats.SUFFIXES)}
+    for name, (value, of_option) in kinds.items():
+        if value is not None and suffixes.isdisjoint(of_option):
+            found = " and ".join(sorted(suffixes))
+            raise UserError(f"--{name} does not apply to {found}; leave it out, or write {' or '.join(of_option)}")
+    for path in (path for task in tasks for path in task.paths if path.suffix.lower() in formats.SUFFIXES):
         if rig is not None or path.suffix.lower() == formats.FBX:
             formats.choose_rig(path, rig or rigs.OWN)
-    suffixes = {path.suffix.lower() for task in tasks for path in task.paths}
-    if camera is not None and not suffixes & {VIDEO, PAGE}:
-        raise UserError(f"--camera is for {VIDEO} and {PAGE}, not {', '.join(sorted(suffixes))}; leave it out")
     if VIDEO in suffixes:
         from ha2g_jax.motion.formats.video import check_size
 
-        check_size((size, size) if isinstance(size, int) else size)
-    picture = {"size": size, "camera": camera or "body"}
+        check_size((size, size) if isinstance(size, int) else size or (_SIZE, _SIZE))
+    picture = {"size": size or _SIZE, "camera": camera or "body", "fps": options.get("fps")}
     with stage("loading the model"):
         model = load(checkpoint, backend)
+    if words is not None and not model.reads_words:
+        raise UserError(f"{model.spec.method} reads no words; leave --words out")
     if model.reads_words and words is None:
         results = [path for task in tasks for path in task.paths]
         check_kept(results, [find_transcript(task.speech) for task in tasks])
@@ -376,8 +382,6 @@ def read_words(
         UserError: the transcript cannot be read.
     """
     if not model.reads_words:
-        if words is not None:
-            tqdm.write(f"{model.spec.method} reads no words: {shown(words)} is not used", file=sys.stderr)
         return ()
     words = words or find_transcript(speech)
     if words is None:

@@ -163,13 +163,20 @@ def _add_build_video(data: Any) -> None:
 
 
 def _build_video(arguments: argparse.Namespace) -> None:
+    videos_only = ("settings", "set", "recognise", "pose_command", "runner", "address", "workers", "overlay")
     if arguments.install:
         from ha2g_jax.importers.video import pose
 
+        refuse_others(arguments, (), (*videos_only, "split", "license", "json"), "--install")
+        if arguments.paths:
+            raise UserError(f"--install takes no videos; import {shown(arguments.paths[0])} afterwards")
         print(pose.install(python=arguments.python))
         return
     if len(arguments.paths) < 2:
         raise UserError("give video files or folders, and then the folder of the new corpus; or --install")
+    refuse_others(arguments, (), ("python",), "the import of videos; it belongs to --install")
+    if arguments.runner == "local":
+        refuse_others(arguments, (), ("address",), "--runner local")
     from ha2g_jax.importers.video import settings
 
     *videos, arguments.dst = arguments.paths

@@ -23,7 +23,7 @@ _MOST_DIFFERENCE = 0.5  # seconds by which motion and sound may differ in length
 
 # Options that have an effect, by the suffix of the file to write.
 _OPTIONS = {
-    ".mp4": ("audio", "names", "size", "camera"),
+    ".mp4": ("audio", "names", "size", "camera", "fps"),
     ".html": ("audio", "words", "names", "camera"),
     ".png": ("words", "names", "size", "count"),
     ".svg": ("words", "names", "size", "count"),
@@ -59,6 +59,7 @@ def add_commands(commands: Any) -> None:
         "--size", metavar="WIDTHxHEIGHT", help="pixels of the video (1920x1080), or of a key frame, one number (240)"
     )
     add_camera(export)
+    export.add_argument("--fps", type=float, help="frames per second of the video, 1 to 240 (default: 30)")
     export.add_argument("--count", type=int, help="number of key frames (default: 8)")
     add_reading(export)
     export.set_defaults(run=_export)
@@ -120,6 +121,7 @@ def _write_video(arguments: argparse.Namespace) -> None:
         audio,
         size=read_size(arguments.size or "1920x1080"),
         camera=arguments.camera or "body",
+        fps=arguments.fps,
     )
 
 
@@ -170,8 +172,9 @@ def _load(arguments: argparse.Namespace) -> dict[str, "Motion"]:
         raise UserError(f"{len(names)} names for {len(paths)} motions; give one each")
     if len(set(names)) < len(names):
         raise UserError("two motions have the same name; give different names with --names")
+    fps = max(_FPS, arguments.fps or 0)
     return {
-        shown(name): read_motion(path, fps=_FPS, **reading(arguments)) for name, path in zip(names, paths, strict=True)
+        shown(name): read_motion(path, fps=fps, **reading(arguments)) for name, path in zip(names, paths, strict=True)
     }
 
 

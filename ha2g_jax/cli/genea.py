@@ -4,9 +4,8 @@ import argparse
 import pathlib
 from typing import Any
 
-from ha2g_jax.cli.generate import add_style, read_style
-from ha2g_jax.cli.parser import add_reading, positive, print_verdict, read_seed, reading
-from ha2g_jax.errors import UserError
+from ha2g_jax.cli.generate import STYLE, add_style, read_style
+from ha2g_jax.cli.parser import READING, add_reading, positive, print_verdict, read_seed, reading, refuse_others
 
 
 def add_commands(commands: Any) -> None:
@@ -54,16 +53,14 @@ def _add_pack(parts: Any) -> None:
 
 def _pack(arguments: argparse.Namespace) -> None:
     from ha2g_jax.apps.genea.pack import write_pack
-    from ha2g_jax.synthesis.style import RANDOM
 
     options = reading(arguments)
-    style = read_style(arguments)
     if arguments.motion is None:
-        options |= {"checkpoint": arguments.checkpoint or "demo", "seed": arguments.seed or 0, "style": style}
-        if reading(arguments):
-            raise UserError("the options of reading are for the files of --motion; give --motion, or leave them out")
-    elif (arguments.checkpoint, arguments.seed, style) != (None, None, RANDOM):
-        raise UserError("--motion packs what is there; leave out the checkpoint, the seed and the style")
+        refuse_others(arguments, (), READING, "the motion of a model, but to the files of --motion")
+        options |= {"checkpoint": arguments.checkpoint or "demo", "seed": arguments.seed or 0}
+        options["style"] = read_style(arguments)
+    else:
+        refuse_others(arguments, (), ("checkpoint", "seed", *STYLE), "--motion, which packs what is there")
     path = write_pack(
         arguments.speech,
         arguments.out,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from tqdm import tqdm
 
 from ha2g_jax.cli.export import add_camera, read_size
-from ha2g_jax.cli.parser import read_seed
+from ha2g_jax.cli.parser import read_seed, refuse_others
 from ha2g_jax.progress import stage
 
 if TYPE_CHECKING:
@@ -59,12 +59,16 @@ def add_commands(commands: Any) -> None:
         metavar="N",
         help="make N takes, with the seeds SEED, SEED+1 and so on, each in its own files, and a page to choose from",
     )
-    command.add_argument("--fps", type=float, help="frames per second of the motion, 1 to 240 (default: the model's)")
+    command.add_argument(
+        "--fps",
+        type=float,
+        help="frames per second of motion and video, 1 to 240 (default: the model's, 30 in a video)",
+    )
     command.add_argument(
         "--words", type=pathlib.Path, help="transcript, or FILE#SPEAKER, for a model that reads words (default: beside)"
     )
     command.add_argument(
-        "--size", default="720", metavar="WIDTHxHEIGHT", help="pixels of the video; one number for both (default: 720)"
+        "--size", metavar="WIDTHxHEIGHT", help="pixels of the video; one number for both (default: 720)"
     )
     add_camera(command)
     add_style(command)
@@ -78,6 +82,10 @@ def add_commands(commands: Any) -> None:
     )
     speakers.add_argument("--json", action="store_true", help="print JSON instead of a table")
     speakers.set_defaults(run=_list_speakers)
+
+
+STYLE = ("speaker", "style", "reference_image", "style_seed", "variation")
+"""Options of `add_style`."""
 
 
 def add_style(command: argparse.ArgumentParser) -> None:
@@ -133,6 +141,8 @@ def read_style(arguments: argparse.Namespace) -> "Style":
     """Return the style that the arguments of `add_style` ask for."""
     from ha2g_jax import synthesis
 
+    if not {"speaker", "style", "reference_image"} & arguments.given:
+        refuse_others(arguments, (), ("variation",), "a random style, but to that of a speaker or of images")
     style = synthesis.Style(
         speaker=arguments.speaker,
         mixture=synthesis.read_mixture(arguments.style) if arguments.style else None,
@@ -176,7 +186,7 @@ def run(arguments: argparse.Namespace) -> None:
         smoothing=arguments.smooth,
         controls=controls,
         words=arguments.words,
-        size=read_size(arguments.size),
+        size=None if arguments.size is None else read_size(arguments.size),
         camera=arguments.camera,
         takes=arguments.takes,
         report=_print_path,

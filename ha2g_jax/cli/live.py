@@ -8,7 +8,7 @@ import sys
 from typing import Any
 
 from ha2g_jax.cli import generate
-from ha2g_jax.cli.parser import read_seed
+from ha2g_jax.cli.parser import read_seed, refuse_others
 from ha2g_jax.progress import stage
 
 
@@ -23,8 +23,8 @@ def add_commands(commands: Any) -> None:
         "--source",
         required=True,
         metavar="SOURCE",
-        help="a file with sound, heard in real time; stdin, raw PCM (16 bits, little-endian, mono); microphone; or "
-        "ws://HOST:PORT to listen on, for a program that sends such PCM as binary messages",
+        help="a file with sound, heard in real time; stdin, a WAV or raw PCM (16 bits, little-endian, mono); "
+        "microphone; or ws://HOST:PORT to listen on, for a program that sends such sound as binary messages",
     )
     command.add_argument(
         "--sink",
@@ -73,6 +73,13 @@ def run(arguments: argparse.Namespace) -> int:
     Raises:
         KeyboardInterrupt: the run was ended by Ctrl-C; its recording is written.
     """
+    kinds = {sink.partition("://")[0] if "://" in sink else "file" for sink in arguments.sink}
+    if arguments.fast:
+        refuse_others(arguments, (), ("delay",), "--fast, by which nothing is heard in real time")
+    if kinds == {"file"}:
+        refuse_others(arguments, (), ("delay", "fps"), "a file alone, which has the frames of the model")
+    if kinds <= {"file", "vmc"}:
+        refuse_others(arguments, (), ("rig",), "these sinks, but to JSON: udp:// or ws://")
     with stage("starting"):
         from ha2g_jax import synthesis
         from ha2g_jax.apps.live.clock import StopFlag

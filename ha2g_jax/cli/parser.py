@@ -2,7 +2,7 @@
 
 import argparse
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from ha2g_jax.errors import UserError
@@ -20,11 +20,20 @@ class Parser(argparse.ArgumentParser):
     """A parser whose commands report unknown arguments themselves, and not through the parser of `ha2g`."""
 
     def parse_known_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> tuple[Any, list[str]]:  # type: ignore[override]
-        """Parse arguments, all of which must be known."""
+        """Parse arguments, all of which must be known; the names of the options among them are `given`."""
         values, unknown = super().parse_known_args(args, namespace)
+        options = {option: action.dest for action in self._actions for option in action.option_strings}
+        names = [str(argument).partition("=")[0] for argument in args or ()]
+        given = [[option for option in options if option == name] or self._longer(options, name) for name in names]
+        values.given = getattr(values, "given", frozenset()) | {options[found[0]] for found in given if found}
         if unknown:
             self.error(f"unknown arguments: {' '.join(unknown)}; see {self.prog} --help")
         return values, unknown
+
+    @staticmethod
+    def _longer(options: Iterable[str], name: str) -> list[str]:
+        """Return the options that a name is short for, of which the parser has accepted only one."""
+        return [option for option in options if name[2:] and name.startswith("--") and option.startswith(name)]
 
 
 def read_seed(text: str) -> int:
@@ -79,12 +88,12 @@ def reading(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def refuse_others(arguments: argparse.Namespace, allowed: Sequence[str], every: Sequence[str], kind: str) -> None:
-    """Refuse options of `every` that are given, neither None nor False, but are not `allowed` with what `kind` names.
+    """Refuse options of `every` that are given but are not `allowed`, as they have no effect, with what `kind` names.
 
     Raises:
         UserError: such an option is given.
     """
-    given = [name for name in every if name not in allowed and getattr(arguments, name) not in (None, False)]
+    given = [name for name in every if name not in allowed and name in arguments.given]
     if given:
         options = ", ".join(f"--{name.replace('_', '-')}" for name in given)
         raise UserError(f"{options} {'does' if len(given) == 1 else 'do'} not apply to {kind}; leave {options} out")

@@ -58,7 +58,7 @@ def evaluate_folders(
     if protocol not in (None, BEAT2):
         raise UserError(f"no protocol {protocol}; expected {BEAT2}")
     if protocol is None and body_model is not None:
-        raise UserError(f"a body model is for the protocol {BEAT2}; add --protocol {BEAT2}")
+        raise UserError(f"--body-model is for the protocol {BEAT2}; add --protocol {BEAT2}")
     folders = [motion] if isinstance(motion, str | os.PathLike) else list(motion)
     names = _row_names(folders)
     features = _features(autoencoder)

@@ -8,6 +8,7 @@ import pytest
 import soundfile
 from PIL import Image
 
+from ha2g_jax import cli
 from ha2g_jax.cli import export
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion.motion import Motion
@@ -31,9 +32,7 @@ def files(tmp_path):
 
 
 def run(*arguments) -> None:
-    parser = argparse.ArgumentParser()
-    export.add_commands(parser.add_subparsers(required=True))
-    parsed = parser.parse_args([str(argument) for argument in arguments])
+    parsed = cli.make_parser().parse_args([str(argument) for argument in arguments])
     parsed.run(parsed)
 
 
@@ -82,7 +81,7 @@ def test_video_and_key_frames_show_a_bvh_beside_a_motion(files, tmp_path):
 def test_motions_go_by_the_names_of_their_files_and_if_need_be_folders(files):
     def names(*paths, names=None):
         arguments = argparse.Namespace(
-            motions=[files / path for path in paths], names=names, joint_map=None, source_fps=None, unit=None
+            motions=[files / path for path in paths], names=names, joint_map=None, source_fps=None, unit=None, fps=None
         )
         return list(export._load(arguments))
 

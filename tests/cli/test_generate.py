@@ -115,7 +115,8 @@ def test_the_result_lies_beside_the_speech_or_in_a_folder(speech, tmp_path):
 @pytest.mark.parametrize("suffix", [suffix for suffix in SUFFIXES if suffix != ".fbx"])
 def test_every_format_is_written_and_nothing_else(debug_folder, speech, tmp_path, capsys, suffix):
     out = tmp_path / "new" / f"talk{suffix}"
-    assert generate(speech, "-o", out, "--checkpoint", debug_folder, "--size", 64) == 0
+    size = ("--size", 64) if suffix == ".mp4" else ()
+    assert generate(speech, "-o", out, "--checkpoint", debug_folder, *size) == 0
     assert capsys.readouterr().out == f"{out}\n"
     assert [path.name for path in out.parent.iterdir()] == [out.name]
     content = out.read_bytes()

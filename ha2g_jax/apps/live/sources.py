@@ -7,14 +7,16 @@ moment it arrives, or after the sound before it; where nothing is sent, silence 
 """
 
 import contextlib
+import io
 import pathlib
 import queue
 import sys
 import threading
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Generator, Iterator
 from typing import Any, BinaryIO, NamedTuple, Protocol
 
 import numpy as np
+import soundfile
 import soxr
 from tqdm import tqdm
 
@@ -22,7 +24,7 @@ from ha2g_jax.apps.live.clock import Clock, StopFlag, wait_until
 from ha2g_jax.apps.live.network import Address, read_address, serving
 from ha2g_jax.errors import UserError, require
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
-from ha2g_jax.files.reading import shown
+from ha2g_jax.files.reading import reason, shown
 from ha2g_jax.limits import MAX_SOUND_RATE, MIN_SOUND_RATE
 
 CHUNK_SECONDS = 0.02
@@ -32,7 +34,20 @@ _PATIENCE = 0.06  # seconds after the end of the sound until silence is heard; l
 _POLL = 0.02  # seconds between two looks at the queue
 _BROKEN = 5.0  # seconds without sound after which a microphone is taken to be unplugged
 _INSTALL_PORTAUDIO = "sudo apt install libportaudio2 (Debian, Ubuntu), sudo dnf install portaudio (Fedora)"
-_BUSY, _UNSUPPORTED = 1013, 1003  # codes of WebSockets for a second sender, and for text
+_BUSY, _UNSUPPORTED = 1013, 1003  # codes of WebSockets for a second sender, and for what is not sound
+_MOST_REASON = 100  # letters that a WebSocket is closed with
+_MOST_HEADER = 1 << 16  # bytes of a WAV before its sound
+_UNKNOWN_SIZE = 0x7FFF0000  # from which on the size of a WAV that is written to a pipe is not its size
+# How files begin that are neither raw PCM nor WAV.
+_OTHERS = {
+    b"fLaC": "FLAC",
+    b"OggS": "Ogg",
+    b"ID3": "MP3",
+    b"FORM": "AIFF",
+    b".snd": "AU",
+    b"caff": "CAF",
+    b"RF64": "RF64",
+}
 
 
 class Chunk(NamedTuple):
@@ -119,11 +134,13 @@ class Inbox:
 
     def __init__(self, rate: int) -> None:
         self._rate = rate
-        self._pieces: queue.Queue[np.ndarray | None] = queue.Queue(_QUEUE)
+        self._pieces: queue.Queue[np.ndarray | UserError | None] = queue.Queue(_QUEUE)
         self._is_closed = False
 
-    def put(self, piece: np.ndarray | None) -> bool:
-        """Wait for room, append samples or None for the end of the sound, and return whether the run still listens."""
+    def put(self, piece: np.ndarray | UserError | None) -> bool:
+        """Wait for room, append samples, None for the end of the sound or an error that is raised there, and return
+        whether the run still listens.
+        """
         while not self._is_closed:
             with contextlib.suppress(queue.Full):
                 self._pieces.put(piece, timeout=_POLL)
@@ -143,6 +160,8 @@ class Inbox:
             piece = silence
             with contextlib.suppress(queue.Empty):
                 piece = self._pieces.get_nowait()
+            if isinstance(piece, UserError):
+                raise piece
             if piece is None:
                 yield resampler.resample(np.zeros(0, np.float32), end, is_last=True)
                 return
@@ -160,7 +179,7 @@ class Inbox:
 
 
 class PipeSource:
-    """Standard input, or another file: raw PCM, 16 bits, little-endian, mono.
+    """Standard input, or another file: raw PCM, 16 bits, little-endian, mono, or a WAV, whose header says what it is.
 
     Raises:
         UserError: standard input is a terminal.
@@ -168,37 +187,41 @@ class PipeSource:
 
     name, is_timed, lost_seconds = "stdin", True, 0.0
 
-    def __init__(self, rate: int, file: BinaryIO | None = None) -> None:
+    def __init__(self, rate: int | None, file: BinaryIO | None = None) -> None:
         if file is None and (sys.stdin is None or sys.stdin.isatty()):
-            raise UserError("stdin is not a pipe; pipe raw PCM into it: 16 bits, little-endian, mono, at --rate")
+            raise UserError("stdin is not a pipe; pipe a WAV into it, or raw PCM of 16 bits, little-endian, mono")
         # Unbuffered: a thread that waits for input in a buffered file would hold its lock when the program ends.
         self._rate, self._file = rate, file or open(sys.stdin.fileno(), "rb", buffering=0, closefd=False)  # noqa: SIM115
 
     def chunks(self, clock: Clock, stop: StopFlag) -> Generator[Chunk, None, None]:
-        with contextlib.closing(Inbox(self._rate)) as inbox:
+        with contextlib.closing(Inbox(self._rate or SAMPLE_RATE)) as inbox:
             # It may wait for input for ever, and does not keep the program from ending.
             threading.Thread(target=self._read, args=(inbox,), daemon=True).start()
             yield from inbox.chunks(clock, stop)
 
     def _read(self, inbox: Inbox) -> None:
-        decode = _decoder()
-        while data := self._file.read(_PIECE):
-            if not inbox.put(decode(data)):
-                return
-        inbox.put(None)
+        decoder = _Decoder(self._rate)
+        try:
+            while data := self._file.read(_PIECE):
+                if not inbox.put(decoder.decode(data)):
+                    return
+            inbox.put(decoder.decode(b"", is_last=True))
+            inbox.put(None)
+        except UserError as error:
+            inbox.put(error)
 
 
 class WebSocketSource:
-    """A WebSocket to which one client at a time sends binary messages of PCM as of `PipeSource`."""
+    """A WebSocket to which one client at a time sends binary messages of PCM or WAV as of `PipeSource`."""
 
     is_timed, lost_seconds = True, 0.0
 
-    def __init__(self, address: Address, rate: int) -> None:
+    def __init__(self, address: Address, rate: int | None) -> None:
         self.name, self._address, self._rate = str(address), address, rate
         self._sender = threading.Lock()
 
     def chunks(self, clock: Clock, stop: StopFlag) -> Generator[Chunk, None, None]:
-        inbox = Inbox(self._rate)
+        inbox = Inbox(self._rate or SAMPLE_RATE)
         with serving(self._address, lambda connection: self._receive(connection, inbox)), contextlib.closing(inbox):
             yield from inbox.chunks(clock, stop)
 
@@ -207,29 +230,75 @@ class WebSocketSource:
             connection.close(_BUSY, "another sender is connected")
             return
         try:
-            decode = _decoder()
+            decoder = _Decoder(self._rate)
             for message in connection:
                 if isinstance(message, str):
                     connection.close(_UNSUPPORTED, "send sound as binary messages of 16-bit PCM")
                     return
-                if not inbox.put(decode(message)):
+                if not inbox.put(decoder.decode(message)):
                     return
+            inbox.put(decoder.decode(b"", is_last=True))
+        except UserError as error:
+            connection.close(_UNSUPPORTED, str(error)[:_MOST_REASON])
         finally:
             self._sender.release()
 
 
-def _decoder() -> Callable[[bytes], np.ndarray]:
-    """Return a function from bytes of PCM to samples; half a sample is kept for the next bytes."""
-    rest = b""
+class _Decoder:
+    """Conversion of the bytes of raw PCM or of a WAV to samples, mono, at a rate or by default at 16 kHz.
 
-    def decode(data: bytes) -> np.ndarray:
-        nonlocal rest
-        data = rest + data
-        whole = len(data) // 2 * 2
-        rest = data[whole:]
-        return np.frombuffer(data[:whole], "<i2").astype(np.float32) / 32768
+    A WAV is known by its header, which says its rate, channels and type; part of a sample is kept for the next bytes.
+    """
 
-    return decode
+    def __init__(self, rate: int | None) -> None:
+        self._stated, self._rest, self._left = rate, b"", sys.maxsize
+        self._form: dict[str, Any] = {}  # of the sound, as soon as it is known
+        self._width, self._resampler = 2, None
+
+    def decode(self, data: bytes, *, is_last: bool = False) -> np.ndarray:
+        """Return the samples (samples,) float32 of further bytes.
+
+        Raises:
+            UserError: they are of another kind of file, or of a WAV with another rate than the one that is stated.
+        """
+        self._rest += data
+        if not self._form and not self._begin(is_last):
+            return np.zeros(0, np.float32)
+        whole = min(len(self._rest), self._left) // self._width * self._width
+        sound, self._rest, self._left = self._rest[:whole], self._rest[whole:], self._left - whole
+        samples = soundfile.read(io.BytesIO(sound), dtype="float32", always_2d=True, **self._form)[0].mean(axis=1)
+        return samples if self._resampler is None else self._resampler.resample_chunk(samples, last=is_last)
+
+    def _begin(self, is_last: bool) -> bool:
+        """Find out what the sound is, and return whether it is known."""
+        head, self._form = self._rest, {}
+        if len(head) < 12 and not is_last:
+            return False
+        if other := next((name for start, name in _OTHERS.items() if head.startswith(start)), None):
+            raise UserError(f"what is sent is {other}; send WAV or raw PCM, or give the file to --source")
+        form = {"samplerate": self._stated or SAMPLE_RATE, "channels": 1, "subtype": "PCM_16"}
+        if head.startswith(b"RIFF") and head[8:12] == b"WAVE":
+            start = 12
+            while head[start : start + 4] != b"data" and start < len(head):
+                if head[start : start + 4] == b"fmt ":
+                    self._width = int.from_bytes(head[start + 20 : start + 22], "little")
+                start += 8 + int.from_bytes(head[start + 4 : start + 8], "little") + 1 & ~1
+            if len(head) < start + 8 and not is_last and len(head) < _MOST_HEADER:
+                return False
+            size = int.from_bytes(head[start + 4 : start + 8], "little")
+            try:
+                with soundfile.SoundFile(io.BytesIO(head)) as file:
+                    form = {"samplerate": file.samplerate, "channels": file.channels, "subtype": file.subtype}
+                soundfile.read(io.BytesIO(bytes(self._width)), format="RAW", **form)
+            except (soundfile.SoundFileError, ValueError, TypeError) as error:
+                raise UserError(f"what is sent is a WAV that cannot be read ({reason(error)}); send 16 bits") from error
+            if self._stated not in (None, file.samplerate):
+                raise UserError(f"the WAV has {file.samplerate} samples a second, not {self._stated}; leave out --rate")
+            self._rest, self._left = head[start + 8 :], size if 0 < size < _UNKNOWN_SIZE else sys.maxsize
+            if file.samplerate != (self._stated or SAMPLE_RATE):
+                self._resampler = soxr.ResampleStream(file.samplerate, SAMPLE_RATE, 1, dtype="float32")
+        self._form = form | {"format": "RAW", "endian": "LITTLE"}
+        return True
 
 
 class MicrophoneSource:
@@ -311,11 +380,11 @@ def open_source(text: str, rate: int | None = None, is_fast: bool = False) -> So
     if not is_arriving and rate is not None:
         raise UserError("--rate is for stdin, the microphone and WebSockets; a file states its own rate")
     if text == "stdin":
-        return PipeSource(rate or SAMPLE_RATE)
+        return PipeSource(rate)
     if text == "microphone":
         return MicrophoneSource(rate)
     if text.startswith("ws://"):
-        return WebSocketSource(read_address(text), rate or SAMPLE_RATE)
+        return WebSocketSource(read_address(text), rate)
     if is_arriving:
         raise UserError(f"no source {shown(text)}; expected a file, stdin, microphone or ws://HOST:PORT")
     return FileSource(pathlib.Path(text), is_fast)

@@ -20,6 +20,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.figure import CAMERAS, DEFAULT_LOOK, SHIRTS, View, align, fit
 from ha2g_jax.figure.stage import Stage, draw, paint, set_stage
 from ha2g_jax.files.writing import whole_file
+from ha2g_jax.limits import MAX_FPS
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.resample import num_frames, resample
 from ha2g_jax.progress import progress_bar
@@ -28,7 +29,7 @@ from ha2g_jax.skeleton import Skeleton, directions_to_positions
 VIDEO_FPS = 30
 MIN_SIDE, MAX_SIDE = 32, 4096  # pixels; players of H.264 need not support more than 4096
 
-_PIECE = 2 * VIDEO_FPS  # frames that are drawn and encoded together, whatever the number of workers
+_PIECE = 60  # frames that are drawn and encoded together, whatever the number of workers
 # One thread for each encoder: the bytes of H.264 depend on the number of threads. On plain shapes slower presets take
 # twice the time for a file that is a third smaller and looks the same.
 _ENCODER = {
@@ -38,7 +39,6 @@ _ENCODER = {
     "x264-params": "bframes=0:rc-lookahead=0:mbtree=0:weightp=0:scenecut=0:subme=0:me=dia",
 }
 _BT709 = 1  # number of this standard in the tables of H.264
-_TIME_BASE = fractions.Fraction(1, VIDEO_FPS)
 
 
 def write_video(
@@ -49,11 +49,12 @@ def write_video(
     *,
     size: int | tuple[int, int] = 720,
     camera: str = "body",
+    fps: float | None = None,
     view: View | None = None,
     workers: int | None = None,
     has_progress: bool = True,
 ) -> None:
-    """Write an `.mp4` (H.264 and AAC, 30 frames per second) that lasts as long as the sound.
+    """Write an `.mp4` (H.264 and AAC) that lasts as long as the sound.
 
     The poses between the frames of a motion are interpolated on the sphere. A fixed camera shows all figures at one
     size, as large as hands and head stay in the picture. The same input gives the same bytes on one machine, whatever
@@ -65,22 +66,25 @@ def write_video(
         size: width and height of the picture in pixels, both even, or one number for the side of a square for each
             figure.
         camera: one of `figure.CAMERAS`: "body" to the hips and the lowest hands, "close" for the upper body and hands.
+        fps: frames per second, 1 to `limits.MAX_FPS`; 30 by default.
         view: one for all figures, as of `fit_view` for several videos; by default it is fitted to those of this one.
         workers: number of threads that draw and encode; by default one for each core.
 
     Raises:
-        UserError: a motion is not valid (see `Motion.check`), the size is out of range, or the file cannot be written.
+        UserError: a motion is not valid (see `Motion.check`), the size or rate is out of range, or the file cannot be
+            written.
     """
     motions = motion if isinstance(motion, Mapping) else {"": motion}
     for each in motions.values():
         each.check()
     width, height = check_size((size * len(motions), size) if isinstance(size, int) else size)
     longest = max(each.num_frames / each.fps for each in motions.values())
-    frames = num_frames(longest if audio is None else len(audio) / sample_rate, VIDEO_FPS)
-    poses = [_poses(each, frames) for each in motions.values()]
+    rate = _to_rate(fps)
+    frames = num_frames(longest if audio is None else len(audio) / sample_rate, float(rate))
+    poses = [_poses(each, frames, float(rate)) for each in motions.values()]
     views = align([_fit_poses([pose], CAMERAS[camera]) if view is None else view for pose in poses])
     stage = set_stage(tuple(motions), DEFAULT_LOOK.background, width, height, views)
-    encode = functools.partial(_encode_piece, stage, poses, views)
+    encode = functools.partial(_encode_piece, stage, poses, views, rate)
     options = {"movflags": "faststart", "fflags": "+bitexact"}
     with (
         whole_file(path) as temporary,
@@ -88,7 +92,7 @@ def write_video(
         av.open(str(temporary), "w", format="mp4", options=options) as container,
         progress_bar("drawing the video", frames, "frame", is_shown=has_progress) as bar,
     ):
-        video = container.add_stream("libx264", rate=VIDEO_FPS, options=_ENCODER)
+        video = container.add_stream("libx264", rate=rate, options=_ENCODER)
         _set_up(video.codec_context, width, height)
         sound: Iterator[list[av.Packet]] = iter(())
         if audio is not None:
@@ -98,7 +102,8 @@ def write_video(
                 for packet in packets:
                     packet.stream = video
                 container.mux(packets)
-                container.mux([packet for second in itertools.islice(sound, _PIECE // VIDEO_FPS) for packet in second])
+                seconds = max(1, round(_PIECE / rate))
+                container.mux([packet for second in itertools.islice(sound, seconds) for packet in second])
                 bar.update(len(packets))
         finally:
             executor.shutdown(cancel_futures=True)
@@ -108,11 +113,17 @@ def write_video(
 def fit_view(motions: Iterable[Motion], seconds: float) -> View:
     """Fit one camera to all poses of several motions in some seconds, so that `write_video` shows them at one size."""
     frames = num_frames(seconds, VIDEO_FPS)
-    return _fit_poses((_poses(each, frames) for each in motions), CAMERAS["body"])
+    return _fit_poses((_poses(each, frames, VIDEO_FPS) for each in motions), CAMERAS["body"])
 
 
-def _poses(motion: Motion, frames: int) -> tuple[np.ndarray, Skeleton]:
-    return resample(motion.directions, motion.fps, VIDEO_FPS, frames), motion.skeleton
+def _to_rate(fps: float | None) -> fractions.Fraction:
+    if fps is not None and not 1 <= fps <= MAX_FPS:
+        raise UserError(f"a video of {fps:g} frames per second; give 1 to {MAX_FPS}")
+    return fractions.Fraction(VIDEO_FPS if fps is None else fps).limit_denominator(1001)  # 30000/1001 of television
+
+
+def _poses(motion: Motion, frames: int, fps: float) -> tuple[np.ndarray, Skeleton]:
+    return resample(motion.directions, motion.fps, fps, frames), motion.skeleton
 
 
 def _fit_poses(poses: Iterable[tuple[np.ndarray, Skeleton]], least: View) -> View:
@@ -129,7 +140,11 @@ def check_size(size: tuple[int, int]) -> tuple[int, int]:
 
 
 def _encode_piece(
-    stage: Stage, poses: Sequence[tuple[np.ndarray, Skeleton]], views: Sequence[View], start: int
+    stage: Stage,
+    poses: Sequence[tuple[np.ndarray, Skeleton]],
+    views: Sequence[View],
+    rate: fractions.Fraction,
+    start: int,
 ) -> list[av.Packet]:
     """Encode the pictures of one piece from frame `start`, whose first picture does not depend on the one before."""
     drawings = []
@@ -139,7 +154,7 @@ def _encode_piece(
         drawings.append(draw(stage, index, positions, skeleton, look, views[index]))
     height, width = stage.clean[0].shape
     encoder = cast(VideoCodecContext, av.CodecContext.create("libx264", "w"))
-    encoder.options, encoder.time_base, encoder.framerate = _ENCODER, _TIME_BASE, 1 / _TIME_BASE
+    encoder.options, encoder.time_base, encoder.framerate = _ENCODER, 1 / rate, rate
     encoder.flags |= Flags.global_header
     _set_up(encoder, width, height)
     packets = []

@@ -83,6 +83,28 @@ def test_stdin_is_read_to_its_end_with_samples_that_two_reads_share(clock):
     np.testing.assert_allclose(sound[:16000], tone(16000), atol=1e-4)
 
 
+@pytest.mark.parametrize("size", [333, 1 << 20])
+@pytest.mark.parametrize(("subtype", "rate"), [("PCM_16", 48000), ("PCM_24", 16000), ("FLOAT", 22050), ("ULAW", 8000)])
+def test_a_wav_on_stdin_is_heard_as_its_header_says(subtype, rate, size):
+    """Two channels, in reads of any size, with more behind the sound."""
+    soundfile.write(file := io.BytesIO(), np.stack([tone(rate), tone(rate)], 1), rate, subtype, format="WAV")
+    content, decoder = file.getvalue() + b"LIST\x04\0\0\0more", sources._Decoder(None)
+    pieces = [decoder.decode(content[start : start + size]) for start in range(0, len(content), size)]
+    sound = np.concatenate([*pieces, decoder.decode(b"", is_last=True)])
+    assert len(sound) == pytest.approx(16000, abs=2)
+    np.testing.assert_allclose(sound[200:15000], tone(16000)[200:15000], atol=0.02)
+
+
+@pytest.mark.parametrize(
+    ("kind", "rate", "message"),
+    [("FLAC", None, "what is sent is FLAC; send WAV or raw PCM"), ("WAV", 8000, "16000 samples a second, not 8000")],
+)
+def test_other_files_and_another_rate_on_stdin_are_refused(kind, rate, message):
+    soundfile.write(file := io.BytesIO(), tone(16000), 16000, format=kind)
+    with pytest.raises(UserError, match=message):
+        list(sources.PipeSource(rate, io.BytesIO(file.getvalue())).chunks(Clock(), StopFlag()))
+
+
 _WAITING = """
 import threading, time
 from ha2g_jax.apps.live.sources import Inbox, PipeSource
