@@ -273,12 +273,13 @@ def generate_files(
     if words is not None and len(tasks) > 1:
         raise UserError(f"{shown(words)} is one transcript, and there are {len(tasks)} files; leave out --words")
     suffixes = {path.suffix.lower() for path in tasks[0].paths}
-    kinds = {"size": (size, (VIDEO,)), "camera": (camera, (VIDEO, PAGE)), "rig": (rig, formats.SUFFIXES)}
+    motions = (*formats.SUFFIXES, formats.FBX)
+    kinds = {"size": (size, (VIDEO,)), "camera": (camera, (VIDEO, PAGE)), "rig": (rig, motions)}
     for name, (value, of_option) in kinds.items():
         if value is not None and suffixes.isdisjoint(of_option):
             found = " and ".join(sorted(suffixes))
             raise UserError(f"--{name} does not apply to {found}; leave it out, or write {' or '.join(of_option)}")
-    for path in (path for task in tasks for path in task.paths if path.suffix.lower() in formats.SUFFIXES):
+    for path in (path for task in tasks for path in task.paths if path.suffix.lower() in motions):
         if rig is not None or path.suffix.lower() == formats.FBX:
             formats.choose_rig(path, rig or rigs.OWN)
     if VIDEO in suffixes:

@@ -51,13 +51,13 @@ def test_picture_and_sound_last_as_long_as_the_speech(tmp_path, motion, seconds)
     assert np.abs(heard).max() == pytest.approx(0.3, abs=0.05)
 
 
-@pytest.mark.parametrize("fps", [1, 12.5, 30000 / 1001, 60, 240])
+@pytest.mark.parametrize("fps", [1, 30000 / 1001, 60, 120.5])
 def test_a_video_of_another_rate_lasts_as_long(tmp_path, motion, fps):
-    write_video(tmp_path / "v.mp4", motion, tone(4), size=32, fps=fps, has_progress=False)
+    write_video(tmp_path / "v.mp4", motion, tone(2), size=32, fps=fps, has_progress=False)
     with av.open(str(tmp_path / "v.mp4")) as container:
         video = container.streams.video[0]
-        assert float(video.average_rate) == pytest.approx(fps) and video.frames == round(4 * fps)
-        assert float(video.duration * video.time_base) == pytest.approx(4, abs=1 / fps)
+        assert float(video.average_rate) == pytest.approx(fps) and video.frames == round(2 * fps)
+        assert float(video.duration * video.time_base) == pytest.approx(2, abs=1 / fps)
     with pytest.raises(UserError, match=r"0\.5 frames per second; give 1 to 240"):
         write_video(tmp_path / "v.mp4", motion, None, fps=0.5)
 
