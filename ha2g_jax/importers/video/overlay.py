@@ -1,5 +1,6 @@
 """Copies of videos with the skeleton drawn on the speaker, to check the poses."""
 
+import contextlib
 import fractions
 import itertools
 import pathlib
@@ -8,6 +9,7 @@ from collections.abc import Iterator
 import av
 import numpy as np
 from av.container import OutputContainer
+from av.error import FFmpegError
 from PIL import Image, ImageDraw
 
 from ha2g_jax.errors import UserError
@@ -46,7 +48,11 @@ def write_overlay(
     times = images.image_times(video)
     start = max(0.0, -float(times[0]))  # start of the audio in seconds, if there are images before it
     options = {"movflags": "faststart", "fflags": "+bitexact"}
-    with whole_file(path) as temporary, av.open(str(temporary), "w", format="mp4", options=options) as container:
+    with (
+        _named(video),
+        whole_file(path) as temporary,
+        av.open(str(temporary), "w", format="mp4", options=options) as container,
+    ):
         drawn = _drawn_images(video, image_points, confidence)
         first = next(drawn)
         stream = container.add_stream("libx264", options=_ENCODER)
@@ -60,6 +66,16 @@ def write_overlay(
             container.mux(stream.encode(frame))
         sound.write_until(float("inf"))
         container.mux(stream.encode(None))
+
+
+@contextlib.contextmanager
+def _named(video: pathlib.Path) -> Iterator[None]:
+    try:
+        yield
+    except FFmpegError as error:
+        if isinstance(error, OSError):  # as of a full disk
+            raise
+        raise UserError(f"{shown(video)} has times that no mp4 has ({reason(error).lower()}); convert it") from error
 
 
 def _drawn_images(video: pathlib.Path, image_points: np.ndarray, confidence: np.ndarray) -> Iterator[Image.Image]:
