@@ -83,13 +83,12 @@ DEBUG = (
     (r" --synthesiser flite", ""),  # a library of the system
     (r" /shared/", " shared/"),
     (r"^data inspect (?!.*--check).* (-o|--out) .*", r"\g<0> --samples 1"),
-    # a picture of 1080 lines takes a second to draw
-    (r"^generate (?!.*(?:-o|--out|--format) \S*(?:bvh|glb|vrma|json|csv|npz|html|fbx)\b).*", r"\g<0> --size 64"),
+    (r"^generate (?!.*--checkpoint).*", r"\g<0> --checkpoint runs/talk"),  # the demo takes half a minute to compile
     (r"^model average .*", "model average runs/talk runs/talk -o average"),
     (
         r"^generate (?!.*(?:-o|--out|--format) \S*(?:bvh|glb|vrma|json|csv|npz|html|fbx)\b).*",
-        r"\g<0> --size 64",
-    ),  # a picture of 1080 lines takes a second to draw
+        r"\g<0> --size 64",  # a picture of 1080 lines takes a second to draw
+    ),
     (r"^study make .*", r"\g<0> --size 64"),
     (r"\.fbx\b", ".glb"),  # of which Blender writes the other
     (r"^export .*\.mp4.*", r"\g<0> --size 64x64"),

@@ -68,7 +68,10 @@ def test_takes_are_those_of_their_seeds_with_a_page_to_choose_from(debug_folder,
     [
         (["--takes", "0"], "0 takes; expected 1 to 12"),
         (["--takes", "13"], "13 takes; expected 1 to 12"),
-        (["--camera", "close", "--format", "bvh"], "--camera is for .mp4 and .html, not .bvh; leave it out"),
+        (
+            ["--camera", "close", "--format", "bvh"],
+            "--camera does not apply to .bvh; leave it out, or write .mp4 or .html",
+        ),
     ],
 )
 def test_takes_and_cameras_that_are_none_are_refused(speech, capsys, options, message):

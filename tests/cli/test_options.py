@@ -74,8 +74,8 @@ REFUSED = {
 }  # fmt: skip
 # Options that always have an effect, of these commands and of those that have no others.
 ALWAYS = {
-    "generate": "--out --format --checkpoint --backend --seed --fps --speaker --style --reference-image --style-seed "
-    "--energy --extent --handedness --mirror --seed-pose --pin --mute --smooth",
+    "generate": "--out --takes --format --checkpoint --backend --seed --fps --speaker --style --reference-image "
+    "--style-seed --energy --extent --handedness --mirror --seed-pose --pin --mute --smooth",
     "live": "--source --sink --checkpoint --look-ahead --hop --seed --json --speaker --style --reference-image "
     "--style-seed --energy --extent --handedness --mirror --variation",
     "export": "--out",
