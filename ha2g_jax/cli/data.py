@@ -83,7 +83,8 @@ def _add_import(data: Any) -> None:
 def _import(arguments: argparse.Namespace) -> None:
     kind = arguments.kind or _kind_of(arguments.src)
     every = {name: None for names in _IMPORT.values() for name in names}
-    refuse_others(arguments, _IMPORT[kind], tuple(every), {"ted": "TED's LMDB", "bvh": "BVH", "smplx": "SMPL-X"}[kind])
+    names = {"ted": "TED's LMDB", "bvh": "BVH and glTF", "smplx": "SMPL-X"}
+    refuse_others(arguments, _IMPORT[kind], tuple(every), names[kind])
     given = {name: value for name in _IMPORT[kind] if (value := getattr(arguments, name)) not in (None, False)}
     if kind == "ted":
         from ha2g_jax.importers.ted import importer
@@ -103,11 +104,15 @@ def _import(arguments: argparse.Namespace) -> None:
 
 
 def _kind_of(src: pathlib.Path) -> str:
-    suffixes = {path.suffix.lower() for path in ([src] if src.is_file() else src.rglob("*")) if path.is_file()}
-    kinds = {"ted": {".mdb"}, "bvh": {".bvh"}, "smplx": {".npz", ".npy"}}
-    found = [kind for kind, of_kind in kinds.items() if of_kind & suffixes]
+    from ha2g_jax.motion.readers import bvh_motion, is_motion
+
+    files = [src] if src.is_file() else src.rglob("*")
+    suffixes = {path.suffix.lower() for path in files if path.suffix.lower() == ".mdb" or is_motion(path)}
+    kinds = {"ted": (".mdb",), "bvh": bvh_motion.TREES, "smplx": (".npz", ".npy")}
+    found = [kind for kind, of_kind in kinds.items() if suffixes & {*of_kind}]
     if not found:
-        raise UserError(f"no data.mdb (TED), .bvh, .npz or .npy (SMPL-X) in {shown(src)}; give a folder of recordings")
+        trees = ", ".join(bvh_motion.TREES)
+        raise UserError(f"no data.mdb (TED), {trees}, .npz or .npy (SMPL-X) in {shown(src)}; give recordings")
     if len(found) > 1:
         raise UserError(f"{shown(src)} has several kinds of recordings; choose one with --kind {' or '.join(found)}")
     return found[0]

@@ -24,6 +24,7 @@ from ha2g_jax.motion.readers import (
     SUFFIXES,
     Reading,
     borders_of,
+    is_motion,
     read_content,
     read_motion,
     smplx,
@@ -173,7 +174,7 @@ def find_motions(folder: pathlib.Path) -> dict[str, pathlib.Path]:
     if not folder.is_dir():
         raise UserError(f"no folder at {shown(folder)}; give a folder of motion in {', '.join(SUFFIXES)}")
     found: dict[str, pathlib.Path] = {}
-    paths = (path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
+    paths = (path for path in folder.rglob("*") if is_motion(path))
     kinds = {suffix: rank for rank, suffix in enumerate(SUFFIXES)}
     for path in sorted(paths, key=lambda path: (kinds[path.suffix.lower()], path)):
         if not path.name.startswith(".") and path.name != MANIFEST:

@@ -21,7 +21,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import resolved, shown
 from ha2g_jax.motion.readers import Reading, joint_maps
 from ha2g_jax.motion.readers.body import UPS, check_stated
-from ha2g_jax.motion.readers.bvh_motion import read_motion
+from ha2g_jax.motion.readers.bvh_motion import TREES, read_motion
 from ha2g_jax.motion.readers.recordings import (
     AUDIO_SUFFIXES,
     MotionRecording,
@@ -91,7 +91,7 @@ def import_bvh(
     options: ImportOptions = _DEFAULTS,
     **reading: Unpack[Reading],
 ) -> Report:
-    """Write a corpus of one BVH file, or of all BVH files in a folder and its subfolders, and return its counts.
+    """Write a corpus of one file of `bvh_motion.TREES`, or of all in a folder and below it, and return its counts.
 
     See `recordings.find_recordings` for the audio and the transcript of each file. Among several files, an unusable one
     is left out with a warning and counted as rejected. Motion and audio that differ in length by more than half a
@@ -102,7 +102,7 @@ def import_bvh(
         UserError: there is no usable file, `dst` exists, or an option has an invalid value.
     """
     src = pathlib.Path(src)
-    recordings = find_recordings(src, ".bvh", speaker=options.speaker, audio=options.audio, words=options.words)
+    recordings = find_recordings(src, TREES, speaker=options.speaker, audio=options.audio, words=options.words)
     check_stated(reading.get("source_fps"), reading.get("unit"))
     if (joint_map := reading.get("joint_map", joint_maps.AUTO)) != joint_maps.AUTO:
         joint_maps.load_map(joint_map)  # report an error of the map once, not for each file
@@ -154,7 +154,7 @@ def import_smplx(
     if recordings and (options.audio is not None or options.words is not None):
         raise UserError(f"{shown(src)} has captures of Embody 3D with their own sound; leave out --audio and --words")
     if not recordings:
-        recordings = find_recordings(src, ".npz", speaker=options.speaker, audio=options.audio, words=options.words)
+        recordings = find_recordings(src, (".npz",), speaker=options.speaker, audio=options.audio, words=options.words)
         if src.is_dir():
             recordings = _with_folders_of_beat(recordings, src)
         if options.speaker is None:

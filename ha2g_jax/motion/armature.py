@@ -136,19 +136,24 @@ def add_lower_body(animation: Animation, lower: LowerBody) -> Animation:
     The pelvis becomes the root, and the joint `spine` its child at a constant offset, so that the chest is where the
     spine carries it only on average. Rotations in the world stay those of the animation.
     """
-    armature, legs = animation.armature, lower_body.JOINTS
     turned = rotations.unit(lower.rotations)
     local = turned.copy()
     for joint, parent in enumerate(lower_body.PARENTS[1:], start=1):
         local[:, joint] = rotations.multiply(rotations.conjugate(turned[:, parent]), turned[:, joint])
     upper = animation.rotations.copy()
     upper[:, 0] = rotations.multiply(rotations.conjugate(turned[:, 0]), upper[:, 0])
-    offsets = np.concatenate([lower.offsets, armature.offsets[1:]]).astype(np.float64)
-    parents = (*lower_body.PARENTS, 0, *(parent + len(legs) for parent in armature.parents[1:]))
-    rest = np.concatenate([np.tile(rotations.IDENTITY, (len(legs), 1)), armature.rest])
-    extended = Armature(armature.name, (*legs, *armature.joints), parents, offsets, rest)
     whole = rotations.continuous(rotations.unit(np.concatenate([local, upper], axis=1)))
+    extended = with_legs(animation.armature, lower.offsets)
     return Animation(extended, whole, lower.translation.astype(np.float64), animation.fps, animation.meta)
+
+
+def with_legs(armature: Armature, offsets: np.ndarray) -> Armature:
+    """Put the `ha2g` armature on a pelvis with legs, whose `offsets` (10, 3) are those of a `LowerBody`."""
+    legs = lower_body.JOINTS
+    parents = (*lower_body.PARENTS, 0, *(parent + len(legs) for parent in armature.parents[1:]))
+    offsets = np.concatenate([offsets, armature.offsets[1:]]).astype(np.float64)
+    rest = np.concatenate([np.tile(rotations.IDENTITY, (len(legs), 1)), armature.rest])
+    return Armature(armature.name, (*legs, *armature.joints), parents, offsets, rest)
 
 
 def carriers(skeleton: Skeleton) -> tuple[str, ...]:

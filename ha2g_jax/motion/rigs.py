@@ -122,6 +122,11 @@ def rest_positions(armature: Armature) -> tuple[np.ndarray, np.ndarray]:
     return orientations[0], positions[0]
 
 
+def armature_of(rig: Rig, own: Armature) -> Armature:
+    """Return the armature of a rig with the lengths of an `ha2g` armature, where the rig has none of its own."""
+    return own if rig.name == own.name else Transfer.between(own, rig).armature
+
+
 def retarget(animation: Animation, rig: Rig) -> Animation:
     """Transfer an animation of the `ha2g` armature to another rig.
 

@@ -102,7 +102,7 @@ def test_words_beside_motion_are_no_motion(write, tmp_path):
 def test_folders_that_cannot_be_evaluated_are_refused(write, tmp_path):
     motion = write("motion", ["a", "b"])
     (tmp_path / "empty").mkdir()
-    with pytest.raises(UserError, match=r"no motion in .*empty; expected files of \.npz, \.bvh, \.json"):
+    with pytest.raises(UserError, match=r"no motion in .*empty; expected files of \.npz, \.bvh, \.glb"):
         from_folders(motion, tmp_path / "empty")
 
 

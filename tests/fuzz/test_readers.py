@@ -129,17 +129,19 @@ def motions() -> dict[str, bytes]:
 
 
 def plain_motions() -> dict[str, bytes]:
-    """Positions alone, as other programs write them, and a table of ours."""
+    """Positions alone, as other programs write them, and tables and glTF of ours."""
     motion = swaying(GESTURE.name, FRAMES, size=0.2)
     positions, borders = motion.positions, np.array([2, 4])
     with tempfile.TemporaryDirectory() as folder:
-        export(motion, pathlib.Path(folder, "x.json"), rig="vrm")
-        own = pathlib.Path(folder, "x.json").read_bytes()
+        paths = [pathlib.Path(folder, name) for name in ("x.json", "x.csv", "x.vrma")]
+        for path in paths:
+            export(motion, path, rig="vrm")
+        own = {path.name: path.read_bytes() for path in paths}
     table = {"fps": 15.0, "joint_names": list(GESTURE.joints), "positions": positions.tolist(), "borders": [2, 4]}
     return {
         "m.npz": npz(positions=positions, fps=15.0, joint_names=np.array(GESTURE.joints), borders=borders),
         "m.json": json.dumps(table).encode(),
-        "x.json": own,
+        **own,
     }
 
 

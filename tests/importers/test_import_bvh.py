@@ -122,7 +122,7 @@ def test_sound_and_words_of_ones_own(recording, tmp_path):
     (clip,) = Corpus.open(tmp_path / "silent").clips("train")
     assert clip.words == () and clip.window_starts
     recording(tmp_path / "in", "second")
-    with pytest.raises(UserError, match=r"holds 2 \.bvh files; give --audio and --words for one file only"):
+    with pytest.raises(UserError, match=r"holds 2 files of motion; give --audio and --words for one file only"):
         import_bvh(tmp_path / "in", tmp_path / "third", ImportOptions(audio=tmp_path / "sound.wav"))
 
 

@@ -4,9 +4,10 @@
 |---|---|
 | own | `.npz` that `ha2g generate` or `Motion.save` wrote |
 | BVH | `.bvh` of any skeleton that a joint map knows |
+| glTF | `.glb` or `.vrma` of such a skeleton, with one animation |
 | SMPL-X | `.npz` in the layouts of `motion.readers.smplx_arrays`, `.npy` of joint positions |
 | directions | `.npy` of direction vectors (T, 126), (T, 42, 3), (T, 27), (T, 9, 3), whole or less the mean |
-| table | `.json` of any rig that `ha2g export` wrote |
+| table | `.json` or `.csv` of any rig that `ha2g export` wrote |
 | positions | `.npz` or `.json` with `positions` (T, J, 3), `fps` and `joint_names`; `.npy` (T, 43, 3) or (T, 10, 3) |
 
 Nothing is unpickled, and sizes are checked before anything is unpacked.
@@ -26,22 +27,28 @@ from ha2g_jax.files.reading import check_regular, naming, parse_json, read_bytes
 from ha2g_jax.limits import MAX_MOTION_BYTES, MAX_MOTION_JSON_BYTES
 from ha2g_jax.motion import motion as motions
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.motion.readers import array_files, bvh_motion, joint_maps, smplx, smplx_arrays
+from ha2g_jax.motion.readers import array_files, bvh_motion, joint_maps, smplx, smplx_arrays, trees
 from ha2g_jax.motion.readers.body import ARM_RANGE, arm_length, check_arms, check_stated
-from ha2g_jax.motion.readers.bvh import Bvh, read_bvh
+from ha2g_jax.motion.readers.bvh import Bvh
 from ha2g_jax.motion.readers.smplx_body import template
 from ha2g_jax.motion.resample import num_frames, resample
 from ha2g_jax.skeleton import SKELETONS, load_skeleton
 
 __all__ = ["SUFFIXES", "Reading", "borders_of", "check_reading", "read_motion"]
 
-SUFFIXES = (".npz", ".bvh", ".json", ".npy")
+SUFFIXES = (".npz", ".bvh", ".glb", ".vrma", ".json", ".csv", ".npy")
 """Suffixes by which files of motion are found in a folder."""
 
-_EXPECTED = "a motion: .npz, .npy, .bvh or .json"
+_KINDS = ".npz, .npy, .bvh, .glb, .vrma, .json or .csv"
+_EXPECTED = f"a motion: {_KINDS}"
+_TREES = {".bvh": "BVH", ".glb": "glTF", ".json": "table", ".csv": "table"}  # kinds by container
+_FACTS = ("fps", "joint_map", "unit", "up")  # of the motion of a tree, that `meta` notes
 _PICKLES = (".pkl", ".pickle", ".p", ".pk")
 _PICKLE = b"\x80"  # begins every pickle of protocol 2 or later
-_BEGINNINGS = {b"PK": ".npz", b"\x93NUMPY": ".npy", b"{": ".json", b"[": ".json", b"HIERARCHY": ".bvh"}
+_BEGINNINGS = {
+    **{b"PK": ".npz", b"\x93NUMPY": ".npy", b"{": ".json", b"[": ".json", b"HIERARCHY": ".bvh"},
+    **{b"GLTF": ".glb", trees.CSV.upper(): ".csv"},
+}
 _HEAD = 64  # bytes that show the container
 _MAX_GROUPS = 2_000_000  # lists of a JSON file, which take long to parse; a position of a joint is one
 
@@ -58,6 +65,12 @@ class Reading(TypedDict, total=False):
     joint_map: str
     source_fps: float | None
     unit: float | None
+
+
+def is_motion(path: pathlib.Path) -> bool:
+    """Return whether a file in a folder is motion by its name, and a `.csv`, which may hold words, by its content."""
+    suffix = path.suffix.lower()
+    return suffix in SUFFIXES and path.is_file() and (suffix != ".csv" or trees.is_csv(path))
 
 
 def check_reading(paths: Sequence[pathlib.Path], **reading: Unpack[Reading]) -> None:
@@ -118,7 +131,7 @@ class Content(NamedTuple):
     """What a file of motion holds.
 
     Attributes:
-        container: one of `SUFFIXES`, whatever the suffix of the path.
+        container: one of `SUFFIXES`, ".glb" for `.vrma` as well, whatever the suffix of the path.
         arrays: values by name of `.npz` and `.json`; those of other names are not read.
         array: the array of a `.npy`, empty for others.
     """
@@ -177,8 +190,8 @@ def _container(path: pathlib.Path) -> str:
         if text.startswith(beginning):
             return container
     if suffix in SUFFIXES:
-        return suffix
-    raise UserError(f"{shown(path)} is not a motion; expected .npz, .npy, .bvh or .json")
+        return ".glb" if suffix == ".vrma" else suffix
+    raise UserError(f"{shown(path)} is not a motion; expected {_KINDS}")
 
 
 def _read_json(path: pathlib.Path) -> Mapping[str, Any]:
@@ -192,14 +205,14 @@ def _read_json(path: pathlib.Path) -> Mapping[str, Any]:
             f"{shown(path)} holds no motion but a {type(content).__name__}; expected positions (T, J, 3), fps and "
             "joint_names (J,)"
         )
-    return {name: content[name] for name in (*array_files.ARRAYS, *array_files.TABLE) if name in content}
+    return {name: content[name] for name in (*array_files.ARRAYS, *trees.TABLE) if name in content}
 
 
 def _reader_of(content: Content) -> Callable[[Content, _Options], Motion]:
     """Choose the reader of a file by its content; the last one takes what is left, and says what it lacks."""
     if "directions" in content.arrays and "meta" in content.arrays:
         return _read_own
-    if content.container == ".bvh" or (content.container == ".json" and "frames" in content.arrays):
+    if content.container in _TREES and (content.container != ".json" or "frames" in content.arrays):
         return _read_tree
     if _is_smplx(content):
         return _read_smplx
@@ -226,16 +239,15 @@ def _read_own(content: Content, options: _Options) -> Motion:
 
 
 def _read_tree(content: Content, options: _Options) -> Motion:
-    is_bvh, given = content.container == ".bvh", {"fps": options.fps, "unit": options.unit}
-    if is_bvh:
-        bvh = read_bvh(content.path, options.source_fps)
+    given = {"fps": options.fps, "unit": options.unit}
+    if content.container == ".json":
+        bvh = trees.read_json(_stated(content, options), content.path)
     else:
-        bvh = array_files.read_table(_stated(content, options), content.path)
+        bvh = bvh_motion.read_tree(content.path, options.source_fps)
     skeleton = load_skeleton(options.skeleton or _bvh_skeleton(bvh, content.path, options.joint_map))
     found = bvh_motion.to_motion(bvh, content.path, skeleton, joint_map=options.joint_map, with_legs=True, **given)
     array_files.check_positions(found.positions.astype(np.float64), skeleton, content.path)
-    kind = "BVH" if is_bvh else "table"
-    facts = {"kind": kind, "fps": found.fps, "joint_map": found.joint_map, "unit": found.unit, "up": found.up}
+    facts = {"kind": _TREES[content.container]} | {name: getattr(found, name) for name in _FACTS}
     fps = options.fps or found.fps
     return Motion.from_positions(skeleton, found.positions, fps, {"read_from": facts}, lower=found.lower)
 

@@ -19,22 +19,16 @@ import numpy as np
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import naming, reason, shown
 from ha2g_jax.limits import MAX_MOTION_JOINTS
-from ha2g_jax.motion import rotations
 from ha2g_jax.motion.armature import export_axes
 from ha2g_jax.motion.motion import check_length
 from ha2g_jax.motion.readers import joint_maps
 from ha2g_jax.motion.readers.body import find_up, to_skeleton_axes
-from ha2g_jax.motion.readers.bvh import Bvh
 from ha2g_jax.skeleton import SKELETONS, Skeleton, bone_lengths, load_skeleton
 
 ARRAYS = ("positions", "fps", "joint_names", "borders")
-TABLE = ("fps", "joints", "frames")
-"""Parts of a `.json` that `ha2g export` writes."""
-
 EXPECTED = "expected positions (T, J, 3), fps (or --source-fps) and joint_names (J,)"
 
 _MIN_LENGTH = 1e-6  # metres of a bone that has a direction
-_MAX_METRES = 1e4  # from the origin, in a table
 _MAX_PLACE = 1e9  # in any unit; the squares of greater numbers lose their digits
 _OURS_DOWN = "-y"  # the axis that points up where y points down
 _LISTED = 12
@@ -179,36 +173,6 @@ def _names(values: Any) -> tuple[str, ...]:
     if not isinstance(values, list) or len(values) > MAX_MOTION_JOINTS:
         raise ValueError(f"joint_names that are no list of at most {MAX_MOTION_JOINTS} names")
     return tuple(name.decode() if isinstance(name, bytes) else str(name) for name in values)
-
-
-def read_table(content: Mapping[str, Any], path: pathlib.Path) -> Bvh:
-    """Convert the content of a `.json` that `ha2g export` wrote to a tree of joints, as that of a BVH file.
-
-    Raises:
-        UserError: a part is missing or has another form, or the length or the frame rate is out of range.
-    """
-    try:
-        joints, frames = content["joints"], content["frames"]
-        names = _names([joint["name"] for joint in joints])
-        parents = tuple(int(joint["parent"]) for joint in joints)
-        offsets = np.array([joint["offset"] for joint in joints], float).reshape(len(names), 3)
-        places = np.array([frame["positions"][0] for frame in frames], float).reshape(len(frames), 3)
-        quaternions = np.array([frame["rotations"] for frame in frames], float).reshape(len(frames), len(names), 4)
-        fps = float(content["fps"])
-    except (KeyError, IndexError, ValueError, TypeError, OverflowError) as error:
-        raise UserError(f"{shown(path)} is no table of ha2g export ({reason(error)}); export it again") from error
-    if not all(-1 <= parent < index for index, parent in enumerate(parents)):
-        raise UserError(f"{shown(path)} has a joint before its parent; export it again")
-    is_turn = np.abs(np.linalg.norm(np.clip(quaternions, -2, 2), axis=-1) - 1) < _MAX_ERROR
-    if not is_turn.all() or not (np.abs(np.concatenate([offsets, places])) <= _MAX_METRES).all():
-        raise UserError(f"{shown(path)} has values that are no rotations or no places; export it again")
-    with naming(path):
-        check_length(len(frames), fps)
-    angles = rotations.to_euler(rotations.unit(quaternions), "ZXY")
-    motion = np.concatenate([places, angles.reshape(len(frames), 3 * len(names))], axis=1)
-    turns = ("Zrotation", "Xrotation", "Yrotation")
-    channels = (("Xposition", "Yposition", "Zposition", *turns), *[turns] * (len(names) - 1))
-    return Bvh(names, parents, offsets, channels, motion, fps)
 
 
 def directions_skeleton(array: np.ndarray) -> str | None:

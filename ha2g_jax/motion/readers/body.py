@@ -5,8 +5,9 @@ from scipy.spatial.transform import Rotation
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.limits import MAX_MOTION_FPS, MAX_POSED_JOINTS, MAX_SOUND_SECONDS, MIN_MOTION_FPS
-from ha2g_jax.motion.armature import export_axes
+from ha2g_jax.motion.armature import export_axes, ha2g_armature
 from ha2g_jax.motion.lower_body import JOINTS, PARENTS, LowerBody
+from ha2g_jax.motion.rigs import rest_positions
 from ha2g_jax.motion.rotations import unit
 from ha2g_jax.skeleton import Skeleton
 
@@ -64,18 +65,20 @@ def check_size(num_joints: int, num_frames: int) -> None:
         )
 
 
-def to_skeleton_axes(positions: np.ndarray, skeleton: Skeleton, *, up: str = "y") -> np.ndarray:
+def to_skeleton_axes(
+    positions: np.ndarray, skeleton: Skeleton, *, up: str = "y", axes: np.ndarray | None = None
+) -> np.ndarray:
     """Rotate and translate a recording (T, joints, 3), in metres, as one rigid body into the axes of a skeleton.
 
     The rotation maps the up axis and the mean heading onto those of the skeleton (TED-Expressive: left +x, ahead -z;
     TED-Gesture: left -x, ahead +z), so the vertical stays vertical. The translation maps the mean position of the spine
-    onto that of the mean pose.
+    onto that of the mean pose. The axes (3, 3) are those of `mean_heading` unless others are given.
 
     Raises:
         UserError: the shoulders lie along the up axis, so that there is no heading.
     """
-    heading = mean_heading(positions, skeleton, up=up)
-    rotated = np.asarray(positions, np.float64) @ heading
+    axes = mean_heading(positions, skeleton, up=up) if axes is None else axes
+    rotated = np.asarray(positions, np.float64) @ axes
     return rotated + (skeleton.mean_pose[0] - rotated[:, 0].mean(axis=0))
 
 
@@ -211,6 +214,22 @@ def add_face(
     completed = np.array(positions, np.float64)
     for joint in (index for index, name in enumerate(skeleton.joints) if name in FACE):
         completed[:, joint] = head_positions + facing.apply(places[joint])
+    return completed
+
+
+def add_rest_face(positions: np.ndarray, head_rotations: np.ndarray, skeleton: Skeleton) -> np.ndarray:
+    """Set the joints of the face where those of the T-pose are after the rotation of the head about the neck.
+
+    Args:
+        positions: (T, joints, 3) metres, y up; the joints of the face are ignored.
+        head_rotations: (T, 3, 3) rotation of the head from the T-pose, in which it looks along +z.
+    """
+    armature, neck = ha2g_armature(skeleton), positions[:, skeleton.joint("neck")]
+    _, rest = rest_positions(armature)
+    completed = np.array(positions, np.float64)
+    for joint in (name for name in FACE if name in skeleton.joints):
+        bone = rest[armature.joint(joint)] - rest[armature.joint("neck")]
+        completed[:, skeleton.joint(joint)] = neck + head_rotations @ bone
     return completed
 
 

@@ -1,16 +1,17 @@
-"""The motion of a BVH file: forward kinematics at any frame rate, and the joints of a skeleton with a face."""
+"""The motion of a tree of joints, such as that of BVH: forward kinematics, and the joints of a skeleton with a face."""
 
 import os
 import pathlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import naming, shown
-from ha2g_jax.motion.armature import export_axes
+from ha2g_jax.files.reading import check_regular, naming, reading, shown
+from ha2g_jax.motion import rigs
+from ha2g_jax.motion.armature import export_axes, ha2g_armature
 from ha2g_jax.motion.lower_body import JOINTS as LOWER_JOINTS
 from ha2g_jax.motion.lower_body import LowerBody
 from ha2g_jax.motion.readers.body import (
@@ -18,6 +19,7 @@ from ha2g_jax.motion.readers.body import (
     FACE,
     MAX_MINUTES,
     add_face,
+    add_rest_face,
     arm_length,
     check_arms,
     check_size,
@@ -28,13 +30,22 @@ from ha2g_jax.motion.readers.body import (
     to_skeleton_axes,
 )
 from ha2g_jax.motion.readers.bvh import Bvh, read_bvh
+from ha2g_jax.motion.readers.gltf import MAGIC, read_gltf
 from ha2g_jax.motion.readers.joint_maps import AUTO, HEAD, choose_map, find, find_legs
+from ha2g_jax.motion.readers.trees import is_csv, read_csv
 from ha2g_jax.motion.resample import moments_at
+from ha2g_jax.motion.rotations import unit as unit_vectors
 from ha2g_jax.skeleton import Skeleton
 
+TREES = (".bvh", ".glb", ".vrma", ".csv")
+"""Suffixes of files that hold a tree of joints, other than `.json`."""
+
+_EXPECTED = f"motion of joints: {', '.join(TREES)}"
+_HEAD = 64  # bytes that show the kind of a file
 _AXES = "XYZ"
 _UNITS = (0.001, 0.01, 0.0254, 1.0)  # millimetres, centimetres, inches, metres
 _FEET_FPS = 2.0
+_ALIKE = np.cos(np.deg2rad(1))  # of bones at rest
 
 
 def world_motion(bvh: Bvh, fps: float, joints: Sequence[int]) -> tuple[np.ndarray, list[np.ndarray]]:
@@ -139,16 +150,31 @@ class BvhMotion(NamedTuple):
 def read_motion(
     path: str | os.PathLike, skeleton: Skeleton, *, source_fps: float | None = None, **options: Any
 ) -> BvhMotion:
-    """Read the motion of a BVH file as joints of a skeleton.
+    """Read the motion of a file of `read_tree` as joints of a skeleton.
 
     Args:
         source_fps: frames per second of the file; None uses the rate stored in it.
         options: options of `to_motion`.
 
     Raises:
-        UserError: the file is not BVH, or its motion cannot be used.
+        UserError: the file is none of these, or its motion cannot be used.
     """
-    return to_motion(read_bvh(path, source_fps), path, skeleton, **options)
+    return to_motion(read_tree(path, source_fps), path, skeleton, **options)
+
+
+def read_tree(path: str | os.PathLike, source_fps: float | None = None) -> Bvh:
+    """Read the tree of joints of a BVH file, of the animation of a glTF file or of a `.csv` of `ha2g export`.
+
+    Raises:
+        UserError: the file is none of these, or damaged.
+    """
+    path = pathlib.Path(path)
+    check_regular(path, _EXPECTED)
+    with reading(path, _EXPECTED), path.open("rb") as file:
+        head = file.read(_HEAD).lstrip()
+    if head.startswith(MAGIC) or (path.suffix.lower() in (".glb", ".vrma") and not head.startswith(b"HIERARCHY")):
+        return read_gltf(path, source_fps)
+    return read_csv(path, source_fps) if is_csv(path) else read_bvh(path, source_fps)
 
 
 def to_motion(
@@ -193,15 +219,39 @@ def to_motion(
         _check_sides(bvh, positions, fps or bvh.fps, skeleton, legs)
         unit = _find_unit(positions, skeleton, unit or names.unit)
         positions *= unit
-        up = names.up or find_up(positions, skeleton)
-        if len(face) < len(shown_face):
+        is_own = _rests_on_rig(bvh, names.name, places, skeleton)
+        up = names.up or ("y" if is_own else find_up(positions, skeleton))
+        axes = np.diag(export_axes(skeleton)) if is_own else mean_heading(positions, skeleton, up=up)
+        if len(face) < len(shown_face) and is_own:
+            positions = add_rest_face(positions, rotations[len(own)], skeleton)
+        elif len(face) < len(shown_face):
             positions = add_face(positions, world[:, len(own)] * unit, rotations[len(own)], skeleton, up=up)
         lower = None
         if with_legs and legs:
             places_of_legs = world[:, len(found) :] * unit
-            lower = _lower(positions, places_of_legs, rotations[len(found) :], list(legs), skeleton, up)
-        positions = to_skeleton_axes(positions, skeleton, up=up)
+            lower = _lower(positions, places_of_legs, rotations[len(found) :], list(legs), skeleton, axes)
+        positions = to_skeleton_axes(positions, skeleton, axes=axes)
     return BvhMotion(positions.astype(np.float32), bvh.seconds, bvh.fps, names.name, unit, up, lower)
+
+
+def _rests_on_rig(bvh: Bvh, name: str, places: Mapping[str, int], skeleton: Skeleton) -> bool:
+    """Return whether a file rests as those that `ha2g export` writes on a rig do: to the degree, y up and facing +z.
+
+    Its axes and its head are known then and need not be found by the mean of the motion.
+    """
+    if name not in rigs.RIGS:
+        return False
+    armature = rigs.armature_of(rigs.load_rig(name), ha2g_armature(skeleton))
+    _, theirs = rigs.rest_positions(armature)
+    where = rigs.places(armature)
+    rest = np.zeros_like(bvh.offsets)
+    for joint, parent in enumerate(bvh.parents):
+        rest[joint] = bvh.offsets[joint] + (rest[parent] if parent >= 0 else 0)
+    pairs = [tuple(skeleton.joints[joint] for joint in bone) for bone in skeleton.bones]
+    pairs = [pair for pair in pairs if {*pair} <= (places.keys() - {HEAD}) & where.keys()]
+    expected = unit_vectors([theirs[where[end]] - theirs[where[start]] for start, end in pairs])
+    found = unit_vectors([rest[places[end]] - rest[places[start]] for start, end in pairs])
+    return bool((np.sum(expected * found, axis=-1) > _ALIKE).all())
 
 
 def _check_sides(bvh: Bvh, positions: np.ndarray, fps: float, skeleton: Skeleton, legs: dict[str, int]) -> None:
@@ -225,10 +275,12 @@ def _lower(
     rotations: list[np.ndarray],
     names: list[str],
     skeleton: Skeleton,
-    up: str,
+    axes: np.ndarray,
 ) -> LowerBody:
-    """Return pelvis and legs from positions (T, n, 3) and rotations of the joints that the file has."""
-    axes = mean_heading(positions, skeleton, up=up) * export_axes(skeleton)
+    """Return pelvis and legs from positions (T, n, 3) and rotations of the joints that the file has, whose `axes` of
+    the skeleton are those of `mean_heading`.
+    """
+    axes = axes * export_axes(skeleton)
     points = np.full((len(legs), len(LOWER_JOINTS), 3), np.nan)
     turns = np.tile(np.eye(3), (len(legs), len(LOWER_JOINTS), 1, 1))
     for index, name in enumerate(names):

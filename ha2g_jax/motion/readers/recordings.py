@@ -2,6 +2,7 @@
 
 import os
 import pathlib
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ from ha2g_jax.features import words as transcripts
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.features.text import Word
 from ha2g_jax.files.reading import reading, resolved, shown
+from ha2g_jax.motion.readers import is_motion
 from ha2g_jax.motion.readers.bvh import USUAL_RATES
 from ha2g_jax.motion.readers.smplx_arrays import EMBODY_BODY
 
@@ -40,7 +42,7 @@ class MotionRecording(NamedTuple):
 
 def find_recordings(
     src: pathlib.Path,
-    suffix: str,
+    suffixes: Sequence[str],
     *,
     speaker: str | None = None,
     audio: str | os.PathLike | None = None,
@@ -52,24 +54,27 @@ def find_recordings(
     speaker has the name of the folder if `src` has subfolders, otherwise the name of the file.
 
     Args:
-        suffix: suffix of motion files, such as ".bvh", in any letter case.
+        suffixes: of motion files, such as ".bvh", in any letter case; of files of one name the first is the motion.
         audio, words: audio file and transcript of the only motion file.
 
     Raises:
         UserError: there is no such file, or audio or words are given for several files.
     """
-    with reading(src, f"a {suffix} file or a folder of them"):
+    kinds = f"file of motion ({', '.join(suffixes)})"
+    with reading(src, f"a {kinds} or a folder of them"):
         if not src.exists():
-            raise UserError(f"nothing at {shown(src)}; give a {suffix} file or a folder of them")
+            raise UserError(f"nothing at {shown(src)}; give a {kinds} or a folder of them")
         if src.is_file():
             paths, root = [src], src.parent
         else:
-            found = (path for path in src.rglob("*") if path.suffix.lower() == suffix and path.is_file())
-            paths, root = sorted(path for path in found if not path.name.startswith(".")), src
+            found = [path for path in src.rglob("*") if path.suffix.lower() in suffixes and is_motion(path)]
+            ranks = {path: suffixes.index(path.suffix.lower()) for path in found if not path.name.startswith(".")}
+            best = {path.with_suffix(""): rank for path, rank in sorted(ranks.items(), key=lambda item: -item[1])}
+            paths, root = sorted(path for path, rank in ranks.items() if best[path.with_suffix("")] == rank), src
     if not paths:
-        raise UserError(f"no {suffix} file in {shown(src)} or below it; give a {suffix} file or a folder of them")
+        raise UserError(f"no {kinds} in {shown(src)} or below it; give one or a folder of them")
     if len(paths) > 1 and (audio or words):
-        raise UserError(f"{shown(src)} holds {len(paths)} {suffix} files; give --audio and --words for one file only")
+        raise UserError(f"{shown(src)} holds {len(paths)} files of motion; give --audio and --words for one file only")
     names = [shown(path.stem) for path in paths]
     if len(set(names)) < len(names):
         names = [shown("_".join(path.relative_to(root).with_suffix("").parts)) for path in paths]

@@ -16,6 +16,7 @@ from ha2g_jax.motion.lower_body import LowerBody
 from ha2g_jax.motion.readers.body import (
     MAX_MINUTES,
     add_face,
+    add_rest_face,
     arm_length,
     check_arms,
     check_size,
@@ -119,22 +120,27 @@ def to_motion(arrays: SmplxArrays, skeleton: Skeleton, body: Body, *, fps: float
         points, rotations = _pose(frames, rest, moments)
         points += _between(arrays.trans, moments)[:, None]
         positions = _choose(points, skeleton)
-        up = find_up(positions, skeleton) if up == AUTO else up
-        axes = mean_heading(positions, skeleton, up=up) * export_axes(skeleton)
+        if arrays.is_own and up == AUTO:
+            up, axes = "y", np.diag(export_axes(skeleton))
+            positions = add_rest_face(positions, rotations[HEAD].as_matrix(), skeleton)
+        else:
+            up = find_up(positions, skeleton) if up == AUTO else up
+            axes = mean_heading(positions, skeleton, up=up)
+        to_export = axes * export_axes(skeleton)
         lower = from_rest_pose(
             rest[_LOWER],
             rest[JOINTS.index(_CHEST)],
-            np.stack([axes.T @ rotations[joint].as_matrix() for joint in _LOWER], axis=1),
-            points[:, 0] @ axes,
+            np.stack([to_export.T @ rotations[joint].as_matrix() for joint in _LOWER], axis=1),
+            points[:, 0] @ to_export,
         )
         jaw = _between(frames[:, JOINTS.index("jaw")], moments)
         if jaw.any():
             face["jaw"] = jaw.astype(np.float32)
     else:
-        kind, lower = f"positions of {frames.shape[1]} joints", None
+        axes, kind, lower = None, f"positions of {frames.shape[1]} joints", None
         positions, up = _from_positions(_between(frames, moments), skeleton, up)
     check_arms(arm_length(positions, skeleton, "left"), 1.0)
-    positions = to_skeleton_axes(positions, skeleton, up=up).astype(np.float32)
+    positions = to_skeleton_axes(positions, skeleton, up=up, axes=axes).astype(np.float32)
     before, after, _ = _neighbours(moments, len(frames))
     is_good = arrays.is_good[before] & arrays.is_good[after]
     return SmplxMotion(positions, len(frames) / rate, rate, kind, up, lower, face, is_good)

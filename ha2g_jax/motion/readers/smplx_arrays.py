@@ -26,6 +26,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.files.npz import read_npz
 from ha2g_jax.limits import MAX_FACE_VALUES, MAX_MOTION_FPS, MAX_SMPLX_FRAMES, MIN_MOTION_FPS
 from ha2g_jax.motion.readers.smplx_body import JOINTS
+from ha2g_jax.motion.rigs import load_rig
 
 IS_GOOD = "is_good"
 """Array (T,) or (T, 1) of frames that can be used; others are 0."""
@@ -57,6 +58,8 @@ NUM_ARKIT = 52
 # Joints only; with points of the face and tips of toes and fingers; with landmarks of the face.
 NUM_POSITIONS = (55, 76, 127, 144)
 
+_RIG = load_rig("smplx")
+_JOINT_NAMES = "joint_names"
 _BETAS = "betas"
 _TRANS = ("trans", "transl")
 _RATES = ("mocap_frame_rate", "mocap_framerate", "fps", "frame_rate")
@@ -87,6 +90,7 @@ NAMES = (
     *_EXPRESSIONS,
     *_ARKIT,
     IS_GOOD,
+    _JOINT_NAMES,
     *(name for names in _PARTS for name in names),
     *(f"{SEAMLESS_PREFIX}{name}" for names in _PARTS for name in names),
     *(f"{SEAMLESS_PREFIX}{name}" for name in ("translation", "is_valid")),
@@ -132,6 +136,7 @@ class SmplxArrays(NamedTuple):
         fps: frames per second.
         face: passengers by name: "expressions" (T, n) and "arkit" (T, 52), those that the file has.
         is_good: (T,) whether a frame can be used.
+        is_own: whether the poses are those that `ha2g export` writes, y up and facing +z.
     """
 
     frames: np.ndarray
@@ -141,6 +146,7 @@ class SmplxArrays(NamedTuple):
     fps: float
     face: dict[str, np.ndarray]
     is_good: np.ndarray
+    is_own: bool = False
 
 
 def has_poses(arrays: Mapping[str, object]) -> bool:
@@ -178,6 +184,7 @@ def to_arrays(
         fps=source_fps or _rate(arrays),
         face=_face(arrays, count, name),
         is_good=_good(arrays, count, name),
+        is_own=name == POSES and np.array_equal(arrays.get(_JOINT_NAMES, ()), [joint.name for joint in _RIG.joints]),
     )
 
 

@@ -1,37 +1,70 @@
-"""What the package writes it reads: each rig, in each unit and with any names, at the joints of the file."""
+"""What the package writes it reads: each rig in each format, unit and with any names, at the joints of the file.
 
+A rig holds a joint where it has the place of it. What it lacks is left out: knuckles in front of the bones of a palm,
+and the face, of which it has the rotation of the head.
+"""
+
+import csv
+import json
 import re
 
 import numpy as np
 import pytest
+from fixtures.glb_reader import join_glb, split_glb
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from motion.readers.test_kinds import rigid
 
-from ha2g_jax.motion import formats, solver
-from ha2g_jax.motion.armature import world
+from ha2g_jax.motion import formats, rotations, solver
+from ha2g_jax.motion.armature import Animation, carriers, export_axes, ha2g_armature, world
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.readers import read_motion
+from ha2g_jax.motion.readers.body import FACE
 from ha2g_jax.motion.rigs import RIGS, load_rig, places, retarget
+from ha2g_jax.skeleton import load_skeleton
 
 UNITS = {"centimetres": 0.01, "metres": 1.0, "inches": 0.0254, "millimetres": 0.001, "CMU": 0.05644, "feet": 0.3048}
-FACE = ("nose", "head", "left_eye", "right_eye", "left_ear", "right_ear")  # of our own rig only
+FOUND = ("centimetres", "metres", "inches", "millimetres")  # by the length of the arms
+TREES = (".bvh", ".glb", ".json", ".csv")
 
 
 def check_joints(found: Motion, written: Motion, rig: str) -> None:
-    """Compare arms and hands with those of the rig, from the chest, after the one rotation of the recording."""
+    """Compare all joints with those of the rig, from the chest, and where the head points."""
     animation = retarget(solver.animate(written), load_rig(rig))
     _, points = world(animation)
     ours = {joint: place for joint, place in places(animation.armature).items() if joint in found.joint_names}
     names = [joint for joint in ours if joint not in FACE or rig == "ha2g"]
-    assert (
-        len(names) == (43 if rig == "ha2g" else 38)
-        and found.num_frames == written.num_frames
-        and found.fps == pytest.approx(written.fps)
-    )
+    assert len(names) == (43 if rig == "ha2g" else 38)
+    assert (found.num_frames, found.fps) == (written.num_frames, pytest.approx(written.fps))
     theirs = points[:, [ours[joint] for joint in names]] - points[:, ours["spine"]][:, None]
     kept = found.positions[:, [found.joint_names.index(joint) for joint in names]].astype(np.float64)
-    np.testing.assert_allclose(theirs @ rigid(theirs, kept), kept, atol=1e-3)
+    np.testing.assert_allclose(theirs * export_axes(found.skeleton), kept, atol=1e-3)
+    nose = found.skeleton.bone("nose")
+    np.testing.assert_allclose(found.directions[:, nose], written.directions[:, nose], atol=1e-3)
+
+
+def changed(content: bytes, suffix: str, unit: float, affix: str) -> bytes:
+    """A file of ours in another unit and with other names of the joints."""
+    if suffix in (".glb", ".vrma"):
+        tree, blob = split_glb(content)
+        for node in tree["nodes"]:
+            node["name"] = affix.format(node["name"])
+        tree["nodes"][0]["scale"] = [1 / unit] * 3
+        return join_glb(tree, blob)
+    text = content.decode()
+    if suffix == ".bvh":
+        text = re.sub(r"(ROOT|JOINT) (\S+)", lambda it: f"{it[1]} {affix.format(it[2])}", text)
+        return rescaled(text, unit).encode()
+    if suffix == ".csv":
+        head, *rows = csv.reader(text.splitlines())
+        is_place = [name.endswith(("_x", "_y", "_z")) for name in head]
+        rows = [[str(float(it) / unit) if scaled else it for it, scaled in zip(row, is_place)] for row in rows]
+        return "\n".join(",".join(row) for row in [head, *rows]).encode()
+    table = json.loads(text)
+    for joint in table["joints"]:
+        joint |= {"name": affix.format(joint["name"]), "offset": [it / unit for it in joint["offset"]]}
+    for frame in table["frames"]:
+        frame["positions"] = [[it / unit for it in place] for place in frame["positions"]]
+    return json.dumps(table).encode()
 
 
 def rescaled(text: str, unit: float) -> str:
@@ -49,31 +82,62 @@ def rescaled(text: str, unit: float) -> str:
 
 
 @pytest.fixture(scope="module")
-def bvhs(files, tmp_path_factory) -> dict[str, str]:
-    folder = tmp_path_factory.mktemp("bvh")
-    for rig in RIGS:
-        formats.export(read_motion(files["own"]), folder / f"{rig}.bvh", rig=rig)
-    return {rig: (folder / f"{rig}.bvh").read_text() for rig in RIGS}
+def written(files, tmp_path_factory) -> dict[tuple[str, str], bytes]:
+    folder, motion = tmp_path_factory.mktemp("written"), read_motion(files["own"])
+    kinds = [*((rig, suffix) for rig in RIGS for suffix in TREES), ("vrm", ".vrma"), ("smplx", ".npz")]
+    for rig, suffix in kinds:
+        formats.export(motion, folder / f"{rig}{suffix}", rig=rig)
+    return {(rig, suffix): (folder / f"{rig}{suffix}").read_bytes() for rig, suffix in kinds}
 
 
-@settings(max_examples=30, deadline=None)
+def test_every_rig_in_every_format(written, files, tmp_path):
+    own = read_motion(files["own"])
+    for (rig, suffix), content in written.items():
+        path = tmp_path / f"x{suffix}"
+        path.write_bytes(content)
+        check_joints(read_motion(path), own, rig)
+        assert rig != "vrm" or read_motion(path, source_fps=60).fps == 60
+
+
+@settings(max_examples=25, deadline=None)
 @given(
     rig=st.sampled_from(RIGS),
+    suffix=st.sampled_from(TREES),
     unit=st.sampled_from(sorted(UNITS)),
     affix=st.sampled_from(["{}", "mixamorig1:{}", "Char01_{}", "Armature|{}", "{}_jnt"]),
 )
-def test_every_rig_in_every_unit_and_with_any_names(rig, unit, affix, bvhs, files, tmp_path_factory):
-    path = tmp_path_factory.mktemp("x") / "x.bvh"
-    text = re.sub(r"(ROOT|JOINT) (\S+)", lambda it: f"{it[1]} {affix.format(it[2])}", bvhs[rig])
-    path.write_text(rescaled(text, UNITS[unit]))
-    found = read_motion(path, unit=UNITS[unit] if unit in ("CMU", "feet") else None)
+def test_every_rig_in_every_unit_and_with_any_names(rig, suffix, unit, affix, written, files, tmp_path_factory):
+    path = tmp_path_factory.mktemp("x") / f"x{suffix}"
+    path.write_bytes(changed(written[rig, suffix], suffix, UNITS[unit], affix))
+    found = read_motion(path, unit=None if unit in FOUND else UNITS[unit])
     assert found.meta["read_from"]["unit"] == UNITS[unit]
     check_joints(found, read_motion(files["own"]), rig)
 
 
-@pytest.mark.parametrize(("rig", "suffix"), [*((rig, ".json") for rig in RIGS), ("smplx", ".npz")])
-def test_tables_and_poses_of_every_rig(rig, suffix, files, tmp_path):
-    written = read_motion(files["own"])
-    formats.export(written, tmp_path / f"x{suffix}", rig=rig)
-    check_joints(read_motion(tmp_path / f"x{suffix}"), written, rig)
-    assert read_motion(tmp_path / f"x{suffix}", source_fps=60).fps == 60
+@pytest.mark.parametrize("name", ["ted_expressive", "ted_gesture"])
+def test_a_face_that_moves_with_the_head_comes_back(name, tmp_path):
+    skeleton = load_skeleton(name)
+    armature = ha2g_armature(skeleton)
+    still = [joint for joint in armature.joints if joint in FACE or "eye" in joint or "ear" in joint]
+    vectors = np.linspace(0, 1, 8)[:, None, None] * np.random.default_rng(1).normal(0, 0.15, (len(armature.joints), 3))
+    vectors[:, [armature.joint(joint) for joint in still if joint != carriers(skeleton)[skeleton.bone("nose")]]] = 0
+    turned = Animation(armature, rotations.from_vector(vectors), np.zeros((8, 3)), 15.0, {})
+    motion = Motion.from_directions(skeleton, solver.directions_of(turned, skeleton), 15)
+    for rig, suffix in (("mixamo", ".bvh"), ("unreal", ".glb"), ("vrm", ".vrma"), ("smplx", ".npz")):
+        formats.export(motion, tmp_path / f"x{suffix}", rig=rig)
+        found = read_motion(tmp_path / f"x{suffix}", skeleton=name)
+        face = [skeleton.joint(joint) for joint in FACE if joint in skeleton.joints]
+        there, here = (it.positions[:, face] - it.positions[:, [skeleton.joint("neck")]] for it in (motion, found))
+        np.testing.assert_allclose(there, here, atol=1e-3, err_msg=rig)
+
+
+@pytest.mark.parametrize("skeleton", ["ted_expressive", "ted_gesture"])
+def test_legs_and_place_come_back(skeleton, files, tmp_path):
+    written = read_motion(files["BEAT2"], skeleton=skeleton)
+    for rig, suffix in (("ha2g", ".glb"), ("mixamo", ".bvh"), ("unreal", ".csv")):
+        formats.export(written, tmp_path / f"x{suffix}", rig=rig)
+        found = read_motion(tmp_path / f"x{suffix}", skeleton=skeleton)
+        floor = [0, written.lower.floor, 0]
+        np.testing.assert_allclose(found.lower.translation + floor, written.lower.translation, atol=1e-3)
+        if rig != "unreal":  # legs of the table's own length
+            np.testing.assert_allclose(found.lower.positions() + floor, written.lower.positions(), atol=1e-3)

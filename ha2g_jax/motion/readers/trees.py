@@ -1,0 +1,140 @@
+"""Trees of joints whose rest poses have axes, as those of tables and glTF, as trees of BVH, whose joints have none."""
+
+import pathlib
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from ha2g_jax import limits
+from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import naming, reading, reason, shown
+from ha2g_jax.motion import lower_body, rigs, rotations
+from ha2g_jax.motion.armature import Armature, generations, ha2g_armature, with_legs
+from ha2g_jax.motion.motion import check_length
+from ha2g_jax.motion.readers.bvh import USUAL_RATES, Bvh
+from ha2g_jax.skeleton import SKELETONS, load_skeleton
+
+TABLE = ("fps", "joints", "frames")
+"""Parts of a `.json` that `ha2g export` writes."""
+
+CSV = b"frame,time,"
+"""Beginning of a `.csv` that `ha2g export` writes."""
+
+_EXPECTED = "a table of ha2g export"
+_TURNS = ("Zrotation", "Xrotation", "Yrotation")
+_MAX_PLACE = 1e6  # from the origin, in any unit
+_MAX_ERROR = 0.35  # of the length of a quaternion
+_ALIKE = 1e-4  # relative difference from a usual rate that rounded times explain
+
+
+def to_bvh(armature: Armature, local: np.ndarray, places: Mapping[int, np.ndarray], fps: float) -> Bvh:
+    """Convert rotations (T, J, 4) of an armature to a tree whose joints have the axes of the world at rest.
+
+    Args:
+        places: (T, 3) of the joints that move relative to their parents, the root among them.
+
+    Raises:
+        UserError: the motion is too long, or has values that are no rotations or no places.
+    """
+    if local.size > limits.MAX_BVH_VALUES:
+        raise UserError(f"{len(local)} frames of {len(armature.joints)} joints are too many; cut the file")
+    check_length(len(local), fps)
+    if not all((np.abs(values) <= _MAX_PLACE).all() for values in (armature.offsets, *places.values())):
+        raise UserError("it has places that are not finite or too far away; export it again")
+    turned, _ = rigs.rest_positions(armature)
+    above = np.stack([turned[parent] if parent >= 0 else rotations.IDENTITY for parent in armature.parents])
+    plain = rotations.multiply(rotations.multiply(above, as_rotations(local)), rotations.conjugate(turned))
+    angles, channels, columns = rotations.to_euler(plain, "ZXY"), list[tuple[str, ...]](), list[np.ndarray]()
+    for joint in range(len(armature.joints)):
+        channels.append((("Xposition", "Yposition", "Zposition") if joint in places else ()) + _TURNS)
+        columns += [rotations.rotate(above[joint], places[joint])] if joint in places else []
+        columns.append(angles[:, joint])
+    offsets = rotations.rotate(above, armature.offsets)
+    return Bvh(armature.joints, armature.parents, offsets, tuple(channels), np.concatenate(columns, axis=1), fps)
+
+
+def as_rotations(values: np.ndarray) -> np.ndarray:
+    """Return quaternions (..., 4) of length 1; a UserError if one is far from that."""
+    if not (np.abs(np.linalg.norm(np.clip(values, -2, 2), axis=-1) - 1) < _MAX_ERROR).all():
+        raise UserError("it has values that are no rotations; export it again")
+    return rotations.unit(values)
+
+
+def frame_rate(times: np.ndarray) -> float:
+    """Return the frames per second of ascending times (T,) in seconds, T >= 2, which may be rounded."""
+    rate = (len(times) - 1) / (times[-1] - times[0])
+    usual = min(USUAL_RATES, key=lambda usual: abs(usual - rate))
+    return usual if abs(usual - rate) < _ALIKE * usual else float(rate)
+
+
+def read_json(content: Mapping[str, Any], path: pathlib.Path) -> Bvh:
+    """Convert the content of a `.json` that `ha2g export` wrote.
+
+    Raises:
+        UserError: a part is missing or has another form, or the length or the frame rate is out of range.
+    """
+    try:
+        joints, frames = content["joints"], content["frames"]
+        names = tuple(str(joint["name"]) for joint in joints)
+        parents = tuple(int(joint["parent"]) for joint in joints)
+        offsets, rest = (np.array([joint[field] for joint in joints], float) for field in ("offset", "rest"))
+        places = np.array([frame["positions"][0] for frame in frames], float).reshape(len(frames), 3)
+        local = np.array([frame["rotations"] for frame in frames], float).reshape(len(frames), len(names), 4)
+        armature = Armature("", names, parents, offsets.reshape(len(names), 3), rest.reshape(len(names), 4))
+        fps = float(content["fps"])
+    except (KeyError, IndexError, ValueError, TypeError, OverflowError) as error:
+        raise UserError(f"{shown(path)} is no table of ha2g export ({reason(error)}); export it again") from error
+    if parents[:1] != (-1,) or not all(0 <= parent < index for index, parent in enumerate(parents[1:], start=1)):
+        raise UserError(f"{shown(path)} has a joint before its parent; export it again")
+    with naming(path):
+        as_rotations(armature.rest)
+        return to_bvh(armature, local, {0: places}, fps)
+
+
+def is_csv(path: pathlib.Path) -> bool:
+    """Return whether a file begins as a `.csv` of `ha2g export`."""
+    with reading(path, _EXPECTED), path.open("rb") as file:
+        return file.read(len(CSV)) == CSV
+
+
+def read_csv(path: pathlib.Path, fps: float | None = None) -> Bvh:
+    """Read a `.csv` that `ha2g export` wrote; the names of its joints tell the rig, which has their tree.
+
+    The frame rate is `fps`, or by default that of the times of the frames.
+
+    Raises:
+        UserError: the joints are those of no rig, a number is missing, or the values are no motion.
+    """
+    with reading(path, _EXPECTED), path.open(encoding="utf-8-sig") as file:
+        names = file.readline(limits.MAX_BVH_HEADER).strip().split(",")
+        joints = tuple(name.removesuffix("_qw") for name in names if name.endswith("_qw"))
+        armature = next((each for each in _armatures() if each.joints == joints), None)
+        if armature is None:
+            raise UserError(
+                f"{shown(path)} is not {_EXPECTED}: no rig of {', '.join(rigs.RIGS)} has its joints; give .bvh or .json"
+            )
+        fields = [("x", "y", "z"), ("qx", "qy", "qz", "qw")]
+        columns = [names.index(f"{joint}_{field}") for each in fields for joint in joints for field in each]
+        table = np.loadtxt(file, delimiter=",", usecols=[names.index("time"), *columns], ndmin=2, comments=None)
+    times, values = table[:, 0], table[:, 1:]
+    places = values[:, : 3 * len(joints)].reshape(-1, len(joints), 3)
+    with naming(path):
+        if (fps is None and not (np.diff(times) > 0).all()) or (len(times) < 2 and fps is None):
+            raise UserError("its times do not tell the frames per second; state them (--source-fps)")
+        local = as_rotations(values[:, 3 * len(joints) :].reshape(-1, len(joints), 4))
+        turned, parents = local.copy(), np.maximum(armature.parents, 0)
+        for own, above in generations(armature.parents)[1:]:
+            turned[:, own] = rotations.multiply(turned[:, above], turned[:, own])
+        bones = rotations.rotate(rotations.conjugate(turned[:, parents]), places - places[:, parents])
+        armature = Armature(armature.name, joints, armature.parents, bones.mean(axis=0), armature.rest)
+        return to_bvh(armature, local, {0: places[:, 0]}, fps or frame_rate(times))
+
+
+def _armatures() -> Iterator[Armature]:
+    """Yield the armatures that `ha2g export` writes, with any lengths of bones."""
+    for skeleton in SKELETONS:
+        own = ha2g_armature(load_skeleton(skeleton))
+        yield from (own, with_legs(own, np.zeros((len(lower_body.JOINTS) + 1, 3))))
+    for rig in rigs.RIGS[1:]:
+        yield rigs.armature_of(rigs.load_rig(rig), own)
