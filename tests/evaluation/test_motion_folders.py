@@ -5,9 +5,12 @@ import json
 import numpy as np
 import pytest
 import soundfile
+from fixtures.motions import swaying
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.motion_folders import from_folders, read_directions
+from ha2g_jax.metrics.beats.stops import angle_change_rates, make_clips
+from ha2g_jax.motion import formats
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import directions_to_positions
 
@@ -41,6 +44,23 @@ def test_a_number_behind_the_name_or_a_folder_of_samples_makes_one_of_several_mo
     assert [clip.id for clip in folders.motion] == ["a", "a", "b", "c.1", "b"]
     assert [clip.id for clip in folders.reference] == ["a", "b", "c.1"]
     assert folders.notes == ["files of motion that have no counterpart and are left out: 1"]
+
+
+@pytest.mark.parametrize("fps", [24, 30])
+def test_a_format_does_not_change_the_score(fps, tmp_path):
+    """Also of motion beyond the range of joints, and of rates that are no multiple of the one that is scored."""
+    motion = swaying(frames=5 * fps, fps=fps, size=0.9)
+    beats = {}
+    for suffix in {*formats.SUFFIXES} - {".vrma"}:  # which has other joints
+        formats.export(motion, tmp_path / f"x{suffix}")
+        found = read_directions(tmp_path / f"x{suffix}", "ted_expressive")
+        [rate] = angle_change_rates(motion.skeleton, [found.directions])
+        [clip] = make_clips([rate], [np.zeros(0)], 15)
+        beats[suffix] = clip.beats
+        assert found.fps == fps
+    assert len(beats[".npz"]) > 3
+    for suffix, times in beats.items():
+        np.testing.assert_allclose(times, beats[".npz"], atol=1e-3, err_msg=suffix)
 
 
 def write_sound(path, seconds=SECONDS):

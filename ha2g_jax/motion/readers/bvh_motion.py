@@ -209,17 +209,20 @@ def to_motion(
     names, places = choose_map(bvh.joints, skeleton, joint_map, path)
     legs = find_legs(names, bvh.joints, path)
     shown_face = [joint for joint in FACE if joint in skeleton.joints]
-    face = {} if HEAD in shown_face else find(names, bvh.joints, shown_face, path)  # there it is another joint
+    # In TED-Gesture it is another joint, but in our own files of that skeleton.
+    is_other = HEAD in shown_face and rigs.OTHER_NAMES[HEAD] not in bvh.joints
+    face = {} if is_other else find(names, bvh.joints, shown_face, path)
     own = [*(joint for joint in places if joint != HEAD), *face]
     found = [*((places | face)[joint] for joint in own), places[HEAD]]
     with naming(path):
         world, rotations = world_motion(bvh, fps or bvh.fps, [*found, *(legs.values() if with_legs else ())])
         positions = np.zeros((len(world), skeleton.num_joints, 3))
         positions[:, [skeleton.joint(joint) for joint in own]] = world[:, : len(own)]
-        _check_sides(bvh, positions, fps or bvh.fps, skeleton, legs)
+        is_own = _rests_on_rig(bvh, names.name, places, skeleton)
+        if not is_own:
+            _check_sides(bvh, positions, fps or bvh.fps, skeleton, legs)
         unit = _find_unit(positions, skeleton, unit or names.unit)
         positions *= unit
-        is_own = _rests_on_rig(bvh, names.name, places, skeleton)
         up = names.up or ("y" if is_own else find_up(positions, skeleton))
         axes = np.diag(export_axes(skeleton)) if is_own else mean_heading(positions, skeleton, up=up)
         if len(face) < len(shown_face) and is_own:
@@ -237,7 +240,7 @@ def to_motion(
 def _rests_on_rig(bvh: Bvh, name: str, places: Mapping[str, int], skeleton: Skeleton) -> bool:
     """Return whether a file rests as those that `ha2g export` writes on a rig do: to the degree, y up and facing +z.
 
-    Its axes and its head are known then and need not be found by the mean of the motion.
+    Its axes, sides and head are known then and need not be found by the motion.
     """
     if name not in rigs.RIGS:
         return False

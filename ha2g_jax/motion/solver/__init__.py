@@ -6,7 +6,7 @@ from ha2g_jax.motion import armature as armatures
 from ha2g_jax.motion import rotations
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.solver.bounds import clamp, without_jumps
-from ha2g_jax.motion.solver.frames import solve
+from ha2g_jax.motion.solver.frames import pointed, solve
 from ha2g_jax.motion.solver.twist import FrameByFrame, Twists
 from ha2g_jax.skeleton import Skeleton
 
@@ -22,7 +22,7 @@ def animate(motion: Motion, *, limits: bool = True) -> armatures.Animation:
     these do not show it, as at a straight arm, the twist is held over time.
 
     Args:
-        limits: whether to keep joints within the range of a human body.
+        limits: whether to keep twists and hands within the range of a human body; directions are exact all the same.
 
     Returns:
         An animation whose root does not move; with pelvis and legs (`Motion.lower`) the root is the pelvis, which does.
@@ -37,7 +37,7 @@ def animate(motion: Motion, *, limits: bool = True) -> armatures.Animation:
     directions = rotations.unit(motion.directions) * armatures.export_axes(skeleton)
     local = solve(skeleton, armature, directions, Twists(motion.fps))
     if limits:
-        local = without_jumps(local, clamp(armature, local))
+        local = pointed(skeleton, armature, directions, local, without_jumps(local, clamp(armature, local)))
     local = rotations.continuous(rotations.unit(local))
     animation = armatures.Animation(armature, local, np.zeros((len(local), 3)), motion.fps, motion.meta)
     return animation if motion.lower is None else armatures.add_lower_body(animation, motion.lower)
@@ -59,14 +59,16 @@ class Solver:
 
     def animate(self, directions: np.ndarray) -> armatures.Animation:
         """Convert the next frames, (n, bones, 3) unit vectors; the signs of the quaternions continue those before."""
-        free = solve(self._skeleton, self.armature, rotations.unit(directions) * self._axes, self._twists)
+        directions = rotations.unit(directions) * self._axes
+        free = solve(self._skeleton, self.armature, directions, self._twists)
         kept = clamp(self.armature, free)
         if self._last is None:
             kept, before = without_jumps(free, kept), None
         else:
             free_before, kept_before, before = self._last
             kept = without_jumps(np.stack([free_before, *free]), np.stack([kept_before, *kept]))[1:]
-        local = rotations.continuous(rotations.unit(kept), before)
+        local = pointed(self._skeleton, self.armature, directions, free, kept)
+        local = rotations.continuous(rotations.unit(local), before)
         self._last = np.stack([free[-1], kept[-1], local[-1]])
         return armatures.Animation(self.armature, local, np.zeros((len(local), 3)), self._fps, {})
 

@@ -149,6 +149,29 @@ def solve(skeleton: Skeleton, armature: Armature, directions: np.ndarray, twists
     return local
 
 
+def pointed(
+    skeleton: Skeleton, armature: Armature, directions: np.ndarray, free: np.ndarray, kept: np.ndarray
+) -> np.ndarray:
+    """Swing joints that were clamped so that each bone has its direction again; twists and hands stay as they are.
+
+    Frames in which nothing was clamped, the rotations `kept` (T, J, 4) of the solution `free`, do not change.
+    """
+    is_changed = (kept != free).any(axis=(1, 2))
+    local, along = kept[is_changed], directions[is_changed]
+    rotated, rest = np.empty_like(local), rest_directions(skeleton)
+    carried = {armature.joint(name): bone for bone, name in enumerate(carriers(skeleton))}
+    for joints, parents in generations(armature.parents):
+        above = rotated[:, parents] if parents[0] >= 0 else rotations.IDENTITY
+        rotated[:, joints] = rotations.multiply(above, local[:, joints])
+        turning = [joint for joint in joints.tolist() if joint in carried]
+        bones = [carried[joint] for joint in turning]
+        rotated[:, turning] = swing(rotated[:, turning], rest[bones], along[:, bones])
+        local[:, joints] = rotations.multiply(rotations.conjugate(above), rotated[:, joints])
+    result = kept.copy()
+    result[is_changed] = local
+    return result
+
+
 def _trunk_frame(seen: Vectors, twists: Twists) -> np.ndarray:
     """Compute rotations (T, 4) of the trunk: upright along the spine, facing as the shoulders do."""
     upright = np.tile(rotations.IDENTITY, (len(seen["neck"]), 1))

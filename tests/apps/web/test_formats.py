@@ -17,6 +17,7 @@ from ha2g_jax.motion import rigs, rotations, solver
 from ha2g_jax.motion.formats import export
 from ha2g_jax.motion.formats.gltf import write_figure
 from ha2g_jax.motion.motion import Motion
+from ha2g_jax.motion.readers import read_motion
 from ha2g_jax.motion.readers.bvh import read_bvh
 from ha2g_jax.motion.readers.bvh_motion import world_motion
 from ha2g_jax.motion.rigs import retarget
@@ -115,6 +116,14 @@ def test_the_glb_moves_the_nodes_as_pythons(written):
     for name in ("meshes", "skins", "materials"):
         assert len(theirs.tree[name]) == len(ours.tree[name])
     assert len(theirs.blob) == pytest.approx(len(ours.blob), rel=0.01)
+
+
+@pytest.mark.parametrize("suffix", ["glb", "bvh"])
+def test_what_a_page_writes_is_read(written, suffix):
+    motion, folder, _ = written
+    found = read_motion(folder / f"web.{suffix}", skeleton=motion.meta["skeleton"])
+    assert found.fps == motion.fps
+    np.testing.assert_allclose(found.positions, motion.positions, atol=MILLIMETRE)
 
 
 VALIDATE = """

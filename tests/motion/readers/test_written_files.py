@@ -123,7 +123,8 @@ def test_a_face_that_moves_with_the_head_comes_back(name, tmp_path):
     vectors[:, [armature.joint(joint) for joint in still if joint != carriers(skeleton)[skeleton.bone("nose")]]] = 0
     turned = Animation(armature, rotations.from_vector(vectors), np.zeros((8, 3)), 15.0, {})
     motion = Motion.from_directions(skeleton, solver.directions_of(turned, skeleton), 15)
-    for rig, suffix in (("mixamo", ".bvh"), ("unreal", ".glb"), ("vrm", ".vrma"), ("smplx", ".npz")):
+    kinds = [("mixamo", ".bvh"), ("unreal", ".glb"), ("vrm", ".vrma"), ("smplx", ".npz"), ("ha2g", ".csv")]
+    for rig, suffix in kinds:
         formats.export(motion, tmp_path / f"x{suffix}", rig=rig)
         found = read_motion(tmp_path / f"x{suffix}", skeleton=name)
         face = [skeleton.joint(joint) for joint in FACE if joint in skeleton.joints]

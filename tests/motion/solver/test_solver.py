@@ -3,6 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 import pytest
+from fixtures.motions import swaying
 
 from ha2g_jax.motion import rotations, solver
 from ha2g_jax.motion.armature import Animation, export_axes, ha2g_armature, world
@@ -11,7 +12,7 @@ from ha2g_jax.motion.readers.body import mean_heading
 from ha2g_jax.motion.readers.bvh import read_bvh
 from ha2g_jax.motion.readers.bvh_motion import read_motion, world_motion
 from ha2g_jax.motion.readers.joint_maps import choose_map
-from ha2g_jax.motion.solver.bounds import limits_of
+from ha2g_jax.motion.solver.bounds import joint_angles, limits_of
 from ha2g_jax.skeleton import Skeleton, load_skeleton, mirror_directions, positions_to_directions
 
 X, Y, Z = np.eye(3)
@@ -198,22 +199,22 @@ def test_the_frame_rate_does_not_change_the_pose():
     assert degrees_between(slow.rotations, fast.rotations[::4]).max() < 2
 
 
-def test_a_limit_stops_an_elbow_that_bends_too_far_and_only_that():
-    skeleton = load_skeleton("ted_gesture")
-    joint_rotations = arms_down(30, 60.0)
-    joint_rotations["left_elbow"] = about(-Y, np.r_[np.full(10, 60.0), np.full(10, 178.0), np.full(10, 60.0)])
-    true = posed(skeleton, joint_rotations)
-    free, kept = (solved(true, skeleton, limits=limits) for limits in (False, True))
-    differs = {
-        joint
-        for joint in kept.armature.joints
-        if degrees_between(rotation_of(free, joint), rotation_of(kept, joint)).max() > 0.1
-    }
-    assert differs == {"left_elbow"}
-    bend = np.rad2deg(np.linalg.norm(rotations.to_vector(rotation_of(kept, "left_elbow")), axis=-1))
-    _, high = limits_of("left_elbow")["forward"]
-    assert bend[10:20] == pytest.approx(high, abs=1)
-    np.testing.assert_allclose(bend[:8], 60, atol=1)
+@pytest.mark.parametrize("name", ["ted_expressive", "ted_gesture"])
+def test_limits_of_twists_and_hands_leave_every_direction_as_it_is(name):
+    """Also of joints that no person bends so far, and frame by frame."""
+    motion = swaying(name, 40, size=1.2)
+    free, kept = (solver.animate(motion, limits=limits) for limits in (False, True))
+    differs = degrees_between(free.rotations, kept.rotations).max(axis=0)
+    assert differs.max() > 10
+    live = solver.Solver(motion.skeleton, motion.fps)
+    for animation in (free, kept, live.animate(motion.directions)):
+        np.testing.assert_allclose(solver.directions_of(animation, motion.skeleton), motion.directions, atol=1e-5)
+    for side in ("left", "right") if name == "ted_expressive" else ():
+        hand = f"{side}_wrist"
+        for angle, values in joint_angles(hand, rotation_of(kept, hand)).items():
+            low, high = limits_of(hand)[angle]
+            is_within = (np.rad2deg(values) > low - 0.1) & (np.rad2deg(values) < high + 0.1)
+            assert is_within.mean() > 0.9  # but on the way from one end of a range to the other
 
 
 # On a real recording.

@@ -6,7 +6,7 @@ import { LEFT, restDirections, UP } from "../rest.js";
 import { between, conjugate, IDENTITY, multiply, rotate, tile, type Numbers } from "../rotations.js";
 import { armFrames, type ByJoint } from "./arms.js";
 import { fit } from "./fitting.js";
-import { applyTwist, observe, plus, type Twists } from "./twist.js";
+import { applyTwist, observe, plus, swing, type Twists } from "./twist.js";
 
 const FACE = ["nose", "head", "left_eye", "right_eye", "left_ear", "right_ear"];
 /** Weight of facing ahead; a twist that is clearly visible has weight 1. */
@@ -50,6 +50,28 @@ export function solve(skeleton: Skeleton, armature: Armature, directions: Number
     rotated.push(multiply(above, local[joint]));
   });
   return local;
+}
+
+/**
+ * Swings joints that were clamped so that each bone has its direction again; twists and hands stay as they are.
+ *
+ * @param skeleton - skeleton of the directions.
+ * @param armature - `ha2gArmature` of the skeleton.
+ * @param directions - (T x 3) unit vectors of each bone in the axes of the armature.
+ * @param kept - (T x 4) rotations of each joint of `solve`, clamped.
+ */
+export function pointed(skeleton: Skeleton, armature: Armature, directions: Numbers[], kept: Numbers[]): Numbers[] {
+  const rest = restDirections(skeleton);
+  const names = carriers(skeleton);
+  const still = tile(IDENTITY, directions[0].length / 3);
+  const rotated: Numbers[] = [];
+  return armature.joints.map((name, joint) => {
+    const above = rotated[armature.parents[joint]] ?? still;
+    const bone = names.indexOf(name);
+    const own = multiply(above, kept[joint]);
+    rotated.push(bone < 0 ? own : swing(own, rest.slice(3 * bone, 3 * bone + 3), directions[bone]));
+    return multiply(conjugate(above), rotated[joint]);
+  });
 }
 
 /** Computes rotations (T x 4) of the trunk: upright along the spine, facing as the shoulders do. */

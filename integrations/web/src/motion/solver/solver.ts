@@ -5,23 +5,24 @@ import { ha2gArmature, type Animation, type Armature } from "../armature.js";
 import type { Motion } from "../motion.js";
 import { exportAxes } from "../rest.js";
 import { continuous, unit, type Numbers } from "../rotations.js";
-import { solve } from "./frames.js";
+import { pointed, solve } from "./frames.js";
 import { clamp, withoutJumps } from "./limits.js";
 import { FrameByFrame, WholeMotion } from "./twist.js";
 
 /**
  * Converts a motion to rotations of the joints of the "ha2g" armature, as Python's `solver.animate`.
  *
- * Each bone has exactly its direction, within the range of a human joint. Its twist is estimated from the bones around
- * it; where these do not show it, it is held over time.
+ * Each bone has exactly its direction. Its twist is estimated from the bones around it, within the range of a human
+ * joint; where these do not show it, it is held over time.
  *
  * @returns animation whose root does not move; the signs of its quaternions are continuous over time.
  */
 export function animate(motion: Motion): Animation {
   const { skeleton, fps } = motion;
   const armature = ha2gArmature(skeleton);
-  const free = solve(skeleton, armature, byBone(skeleton, motion.directions), new WholeMotion(fps));
-  const kept = withoutJumps(free, clamp(armature.joints, free));
+  const directions = byBone(skeleton, motion.directions);
+  const free = solve(skeleton, armature, directions, new WholeMotion(fps));
+  const kept = pointed(skeleton, armature, directions, withoutJumps(free, clamp(armature.joints, free)));
   const rotations = kept.map((joint) => continuous(unit(joint, 4)));
   return { armature, rotations, start: new Float64Array(3), fps };
 }
@@ -60,12 +61,14 @@ export class Solver {
    */
   animate(directions: Float32Array): Animation {
     const { armature, last } = this;
-    const free = solve(this.skeleton, armature, byBone(this.skeleton, directions), this.twists);
+    const along = byBone(this.skeleton, directions);
+    const free = solve(this.skeleton, armature, along, this.twists);
     const clamped = clamp(armature.joints, free);
     const kept = last
       ? withoutJumps(joined(last.free, free), joined(last.kept, clamped)).map((joint) => joint.slice(4))
       : withoutJumps(free, clamped);
-    const returned = kept.map((joint, index) => continuous(unit(joint, 4), last?.returned[index]));
+    const exact = pointed(this.skeleton, armature, along, kept);
+    const returned = exact.map((joint, index) => continuous(unit(joint, 4), last?.returned[index]));
     const end = (joints: Numbers[]) => joints.map((joint) => joint.slice(-4));
     this.last = { free: end(free), kept: end(kept), returned: end(returned) };
     return { armature, rotations: returned, start: new Float64Array(3), fps: this.fps };
