@@ -293,4 +293,4 @@ def test_limits_bind_seldom_on_a_real_recording(recording):
     free, _, motion = recording
     kept = solver.animate(motion)
     moved = degrees_between(free.rotations, kept.rotations) > 0.5
-    assert 0 < moved.mean() < 0.02
+    assert 0 < moved.mean() < 0.03  # joints, those below a clamped hand included
