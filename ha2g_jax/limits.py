@@ -24,7 +24,7 @@ MAX_WHISPER_BYTES = 671_088_640
 MAX_CARD_BYTES = 1_048_576
 """Size of a text that becomes part of a model card."""
 
-MAX_ONNX_BYTES = 268_435_456
+MAX_ONNX_BYTES = 200 << 20
 """Size of an ONNX file; the size of the paper takes 157 MB in float32."""
 
 MAX_ONNX_GRAPH_BYTES = 1 << 20
@@ -33,11 +33,12 @@ MAX_ONNX_GRAPH_BYTES = 1 << 20
 MAX_ONNX_METADATA_BYTES = 20 << 20
 """Letters of the metadata of an ONNX file; the demo has 119,000."""
 
-MAX_ONNX_VALUES = 100_000_000
-"""Values that all nodes of an ONNX file compute for a window; the size of the paper in int8 has 91 million."""
+MAX_ONNX_MEMORY = 1_050_000_000
+"""Bytes that an ONNX file may take, those of its weights four times; the size of the paper has 1,045 million for
+windows of 68 frames."""
 
-MAX_ONNX_PRODUCTS = 1 << 33
-"""Multiplications of an ONNX file for a window; the size of the paper takes 4 thousand million."""
+MAX_ONNX_PRODUCTS = 14_000_000_000
+"""Multiplications of an ONNX file for a window; the size of the paper has 13 thousand million for 68 frames."""
 
 MAX_TORCH_BYTES = 1 << 31
 """Size of an archive of weights of PyTorch, which is mapped and not read; the state of an optimiser triples it."""

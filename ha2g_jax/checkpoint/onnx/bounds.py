@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ha2g_jax.limits import MAX_ONNX_GRAPH_BYTES, MAX_ONNX_PRODUCTS, MAX_ONNX_VALUES
+from ha2g_jax.limits import MAX_ONNX_GRAPH_BYTES, MAX_ONNX_MEMORY, MAX_ONNX_PRODUCTS
 
 if TYPE_CHECKING:
     import onnx
@@ -19,6 +19,8 @@ _VARINT, _BYTES, _FIXED = 0, 2, {1: 8, 5: 4}  # kinds of fields of protobuf, and
 _FLOAT, _INT64 = 1, 7
 _ITEM_BYTES = {_FLOAT: 4, 3: 1, _INT64: 8, 10: 2}  # of a weight by its type; 3 and 10 are int8 and float16
 _PRODUCTS_OF_A_VALUE = 16  # in the time in which a value is read
+_PRODUCTS_OF_A_STEP = 4096  # in the time in which a product of matrices begins
+_COPIES = 4  # of the weights, at most, while a file is read
 _MAX_INTEGER = 1 << 30  # of a constant: a place, a size, or "to the end"
 
 
@@ -61,7 +63,7 @@ def _number(message: memoryview, place: int) -> tuple[int, int]:
 
 
 def check_cost(model: "onnx.ModelProto") -> None:
-    """Check the values and the multiplications of one window.
+    """Check the memory and the multiplications of one window.
 
     Sizes are inferred without the weights. One that depends on what a node computes is not known, and is refused.
 
@@ -88,16 +90,22 @@ def check_cost(model: "onnx.ModelProto") -> None:
     shapes = {it.name: tuple(it.dims) for it in graph.initializer} | {"": ()}
     shapes |= {it.name: _shape(it) for it in (*graph.input, *graph.value_info)}
     floats = {it.name for it in graph.value_info if it.type.tensor_type.elem_type == _FLOAT and -1 not in _shape(it)}
-    values = products = 0
+    memory, products = _COPIES * sum(len(tensor.raw_data) for tensor in model.graph.initializer), 0
+    constants = {tensor.name for tensor in model.graph.initializer} | {""}
     for node in graph.node:
         if not floats.issuperset(filter(None, node.output)):
             raise ValueError(f"the size of the output of {node.op_type} depends on its values")
+        inputs = [shapes[name] for name in node.input]
         outputs = sum(math.prod(shapes[name]) for name in node.output)
-        values += outputs
-        products += _products(node.op_type, [shapes[name] for name in node.input], outputs)
-    if values > MAX_ONNX_VALUES or products > MAX_ONNX_PRODUCTS:
+        copies = 1
+        if constants.issuperset(node.input):  # computed and stored before the first window
+            constants.update(node.output)
+            copies = 2 if outputs <= sum(map(math.prod, inputs)) else 3
+        memory += copies * outputs * _ITEM_BYTES[_FLOAT]
+        products += _products(node.op_type, inputs, outputs)
+    if memory > MAX_ONNX_MEMORY or products > MAX_ONNX_PRODUCTS:
         raise ValueError(
-            f"a window takes {values} values and {products} multiplications, instead of at most {MAX_ONNX_VALUES} and "
+            f"a window takes {memory} bytes and {products} multiplications, instead of at most {MAX_ONNX_MEMORY} and "
             f"{MAX_ONNX_PRODUCTS}"
         )
 
@@ -115,13 +123,16 @@ def _shape(value: "onnx.ValueInfoProto") -> Shape:
 
 
 def _products(operator: str, inputs: Sequence[Shape], outputs: int) -> int:
-    """Return the multiplications of a node, or the values that it reads and writes if these are more."""
-    moved = outputs + sum(map(math.prod, inputs))
-    if operator == "MatMul":  # that of a vector takes as long as to read the matrix
-        return max(outputs * inputs[0][-1], _PRODUCTS_OF_A_VALUE * moved)
-    if operator == "Conv":
-        return max(outputs * math.prod(inputs[1][1:]), moved)
-    if operator == "GRU":
+    """Return the multiplications of a node, or those of the time in which values are moved and its steps begin."""
+    moved = _PRODUCTS_OF_A_VALUE * (outputs + sum(map(math.prod, inputs)))
+    if operator == "MatMul":
+        steps = math.prod(np.broadcast_shapes(*(shape[:-2] for shape in inputs)))
+        return max(moved, outputs * inputs[0][-1], _PRODUCTS_OF_A_STEP * steps)
+    if operator == "Conv":  # of few channels, its values are moved as often as they are multiplied
+        (_, channels, *_), (kernels, depth, *_) = inputs[:2]
+        products = outputs * math.prod(inputs[1][1:])
+        return max(moved, products, _PRODUCTS_OF_A_VALUE * products * channels // max(1, kernels * depth))
+    if operator == "GRU":  # reads its weights in each step, which takes twice as long as the products
         frames, batch, _ = inputs[0]
-        return max(frames * batch * sum(math.prod(weight) for weight in inputs[1:3]), moved)
+        return max(moved, frames * (_PRODUCTS_OF_A_STEP + 2 * batch * sum(map(math.prod, inputs[1:3]))))
     return moved

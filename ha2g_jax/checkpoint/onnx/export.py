@@ -7,9 +7,8 @@ import onnx
 
 from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.checkpoint.model_folder import LoadedModel
-from ha2g_jax.checkpoint.onnx.bounds import check_cost
 from ha2g_jax.checkpoint.onnx.networks import Graph, add_encoder, add_inferer
-from ha2g_jax.checkpoint.onnx.reading import SUFFIX, Description, to_metadata
+from ha2g_jax.checkpoint.onnx.reading import SUFFIX, Description, parse, to_metadata
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.spectrum import NUM_MELS, window_columns
 from ha2g_jax.features.text import Vocabulary
@@ -36,11 +35,12 @@ def export(
         raise UserError(f"an ONNX file ends in {SUFFIX}; name it {shown(out.stem or 'model')}{SUFFIX}")
     loaded = model_folder.load(source)
     model = build(loaded, weights=weights, license=license or ("Apache-2.0" if source == "demo" else ""))
-    try:
-        check_cost(model)
-    except ValueError as error:
-        raise UserError(f"the model is too large for an ONNX file ({error}); train one of fewer channels") from error
     content = model.SerializeToString()
+    try:
+        parse(content)
+    except ValueError as error:
+        advice = "train one of fewer channels or shorter windows"
+        raise UserError(f"the model is too large for an ONNX file ({error}); {advice}") from error
     if len(content) > MAX_ONNX_BYTES:
         raise UserError(
             f"the file would have {len(content)} bytes, expected at most {MAX_ONNX_BYTES}; use --weights float16"

@@ -133,7 +133,7 @@ def read(path: str | pathlib.Path) -> tuple[Description, Parts]:
     Raises:
         UserError: the file is missing, damaged or not of the kind that `export` writes, or the package onnx is missing.
     """
-    library = require("onnx", "onnx", by=BY)
+    require("onnx", "onnx", by=BY)
     from google.protobuf.message import DecodeError
     from onnx.shape_inference import InferenceError
     from onnx.utils import Extractor
@@ -141,23 +141,34 @@ def read(path: str | pathlib.Path) -> tuple[Description, Parts]:
     path = pathlib.Path(path)
     check_regular(path, _EXPECTED)
     with reading(path, _EXPECTED, DecodeError, InferenceError, LookupError):
-        content = read_bytes(path, _EXPECTED, MAX_ONNX_BYTES)
-        bounds.check_bytes(content)
-        model = library.load_model_from_string(content)
-        try:
-            description = from_metadata({it.key: it.value for it in model.metadata_props})
-        except KeyError as error:
-            raise ValueError(f"{reason(error)} is missing in the metadata") from error
-        except (TypeError, AttributeError) as error:
-            raise ValueError(reason(error)) from error
-        _check_graph(model)
-        _check_ends(model.graph, description)
-        bounds.check_cost(model)
+        description, model = parse(read_bytes(path, _EXPECTED, MAX_ONNX_BYTES))
         extractor = Extractor(model)
         features = list[str](FEATURES)
         encoder = extractor.extract_model(["mel"], features).SerializeToString()
         sampler = extractor.extract_model([*features, "style", "seed_pose"], [OUTPUT]).SerializeToString()
         return description, Parts(encoder, sampler)
+
+
+def parse(content: bytes) -> "tuple[Description, onnx.ModelProto]":
+    """Parse and check the content of a file of any origin.
+
+    Raises:
+        ValueError, LookupError, DecodeError, InferenceError: it is not of the kind that `export` writes, or too large.
+    """
+    import onnx
+
+    bounds.check_bytes(content)
+    model = onnx.load_model_from_string(content)
+    try:
+        description = from_metadata({it.key: it.value for it in model.metadata_props})
+    except KeyError as error:
+        raise ValueError(f"{reason(error)} is missing in the metadata") from error
+    except (TypeError, AttributeError) as error:
+        raise ValueError(reason(error)) from error
+    _check_graph(model)
+    _check_ends(model.graph, description)
+    bounds.check_cost(model)
+    return description, model
 
 
 def _check_graph(model: "onnx.ModelProto") -> None:

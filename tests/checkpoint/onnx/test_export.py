@@ -14,7 +14,7 @@ from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.checkpoint.model_folder import LoadedModel
 from ha2g_jax.checkpoint.onnx import reading
-from ha2g_jax.checkpoint.onnx.export import build
+from ha2g_jax.checkpoint.onnx.export import build, export
 from ha2g_jax.checkpoint.onnx.reading import from_metadata, to_metadata
 from ha2g_jax.config import presets
 from ha2g_jax.config import settings as configs
@@ -166,6 +166,13 @@ def test_the_forms_of_weights_have_the_sizes_they_should(debug):
 def test_other_models_are_refused_by_name():
     with pytest.raises(UserError, match="the model is of seq2seq; only HA2G"):
         build(draw(presets.parse("talk:debug", "seq2seq")))
+
+
+def test_what_could_not_be_read_is_not_written(debug_folder, tmp_path, monkeypatch):
+    monkeypatch.setattr(reading, "MAX_ONNX_METADATA_BYTES", 1000)
+    with pytest.raises(UserError, match=r"too large for an ONNX file \(more than 1000 characters of metadata\); train"):
+        export(debug_folder, tmp_path / "model.onnx")
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_model_folder_is_exported_as_one_file_and_for_a_page_with_its_description(debug, debug_folder, tmp_path):

@@ -113,21 +113,44 @@ def with_a_long_sequence(model):
     with_nodes(model, ("GRU", ["x", "w", "r"], {"hidden_size": 300}), **constants)
 
 
+def with_one_wide_kernel(model):
+    constants = {"x": np.ones((1, 1, 300, 300), np.float32), "w": np.ones((1, 1, 130, 130), np.float32)}
+    with_nodes(model, ("Conv", ["x", "w"], {"pads": [200] * 4}), **constants)
+
+
+def with_many_steps(model):
+    constants = {name: np.ones((1, 3, 1), np.float32) for name in "wr"} | {"x": np.ones((4_000_000, 1, 1), "f")}
+    with_nodes(model, ("GRU", ["x", "w", "r"], {"hidden_size": 1}), **constants)
+
+
+def with_many_small_products(model):
+    with_nodes(model, ("MatMul", ["x", "x"], {}), x=np.ones((4_000_000, 1, 1), np.float32))
+
+
+def with_a_large_constant(model):
+    """Of 360 MB, and computed before the first window, for which it is there three times."""
+    with_nodes(model, ("Add", ["x", "y"], {}), x=np.ones((9500, 1), np.float32), y=np.ones((1, 9500), np.float32))
+
+
 def with_a_weight_that_is_not_there(model):
     model.graph.initializer[0].dims[0] += 1
 
 
 DAMAGES = {
-    doubled("c"): "a window takes .* values",
-    doubled("style"): "a window takes .* values",
+    doubled("c"): "a window takes .* bytes",
+    doubled("style"): "a window takes .* bytes",
     padded(0, 0, 0, 2**31): "an integer above 1073741824",
     padded(0, 2**62, 0, 2**62): "an integer above 1073741824",
-    padded(0, 0, 0, 2**30): "a window takes .* values",
-    multiplied(1): "values and .* multiplications",
-    multiplied(500): "values and .* multiplications",
+    padded(0, 0, 0, 2**30): "a window takes .* bytes",
+    multiplied(1): "bytes and .* multiplications",
+    multiplied(500): "bytes and .* multiplications",
     of_computed_size: "depends on its values",
-    with_a_large_kernel: "values and .* multiplications",
-    with_a_long_sequence: "values and .* multiplications",
+    with_a_large_kernel: "bytes and .* multiplications",
+    with_a_long_sequence: "bytes and .* multiplications",
+    with_one_wide_kernel: "bytes and .* multiplications",
+    with_many_steps: "bytes and .* multiplications",
+    with_many_small_products: "bytes and .* multiplications",
+    with_a_large_constant: "a window takes .* bytes",
     with_a_weight_that_is_not_there: "weights of shape",
     lambda model: setattr(model, "doc_string", "x" * 2**20): "more than 1048576 bytes beside weights",
     elsewhere: "weights in another file",
