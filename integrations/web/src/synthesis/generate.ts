@@ -5,7 +5,7 @@ import { round } from "../rounding.js";
 import { logMel, melWindow, SAMPLE_RATE } from "../sound/mel.js";
 import { checkSpeech } from "../sound/speech.js";
 import { VERSION } from "../version.js";
-import type { Generated, Generation } from "./options.js";
+import { checkNames, type Generated, type Generation } from "./options.js";
 import type { Sampler } from "./sampler.js";
 import { chooseStyle, chooseTake } from "./style.js";
 import { easeBorders, joinWindows, numWindows } from "./windows.js";
@@ -29,6 +29,7 @@ export async function generate(
 ): Promise<Generated> {
   const { description, size } = sampler;
   const { num_frames, num_seed_frames, fps, audio, skeleton, seed_poses } = description;
+  checkNames(options, "generation");
   const { seed = 0, energy = 1 } = options;
   const style = chooseStyle(description, options, seed);
   checkEnergy(energy);

@@ -5,7 +5,7 @@ import { checkEnergy } from "../motion/control/effects.js";
 import { Motion } from "../motion/motion.js";
 import { fetchAll } from "./fetching.js";
 import { LiveStream } from "./live-stream.js";
-import type { Generated, Generation, StreamOptions } from "./options.js";
+import { checkNames, type Generated, type Generation, type StreamOptions } from "./options.js";
 import { Port } from "./port.js";
 import { chooseStyle } from "./style.js";
 
@@ -42,6 +42,7 @@ export class Gesturer {
    * @throws Error if a file cannot be fetched or used, or the worker cannot be started.
    */
   static async load(model: string | URL, options: LoadOptions = {}): Promise<Gesturer> {
+    checkNames(options, "load");
     const address = new URL(model, globalThis.location?.href);
     // Bundlers copy the files that these two expressions name.
     const runtime = options.wasm ?? new URL("./ort.wasm.gz", import.meta.url);
@@ -92,7 +93,9 @@ export class Gesturer {
     const { id, promise } = this.port.begin<number>({ kind: "stream", options });
     const latency = await promise;
     const { seed = 0 } = options;
-    return new LiveStream(this.port, id, latency, ({ energy = 1, muted: _, ...style }) => {
+    return new LiveStream(this.port, id, latency, (change) => {
+      checkNames(change, "change");
+      const { energy = 1, muted: _, ...style } = change;
       checkEnergy(energy);
       chooseStyle(this.description, style, seed);
     });

@@ -2,6 +2,36 @@
 
 import type { StyleOptions } from "./style.js";
 
+const STYLE: Names<StyleOptions> = { speaker: true, mixture: true, values: true, variation: true };
+
+/** All names of the options of each kind. */
+const NAMES = {
+  generation: { ...STYLE, seed: true, energy: true } satisfies Names<Generation>,
+  change: { ...STYLE, energy: true, muted: true } satisfies Names<StreamChange>,
+  stream: {
+    ...STYLE,
+    energy: true,
+    muted: true,
+    lookAhead: true,
+    hop: true,
+    seed: true,
+    reference: true,
+  } satisfies Names<StreamOptions>,
+  load: { worker: true, wasm: true, onprogress: true },
+};
+
+type Names<Options> = Record<keyof Options, true>;
+
+/**
+ * Checks that options have known names.
+ *
+ * @throws Error if one has another name.
+ */
+export function checkNames(options: object, kind: keyof typeof NAMES): void {
+  const unknown = Object.keys(options).filter((name) => !Object.hasOwn(NAMES[kind], name));
+  if (unknown.length) throw new Error(`no option ${unknown.join(", ")}; expected ${Object.keys(NAMES[kind]).join(", ")}`);
+}
+
 /** How a motion is generated. */
 export interface Generation extends StyleOptions {
   /** Seed of all random choices, 0 by default. */

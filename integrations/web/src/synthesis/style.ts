@@ -42,6 +42,9 @@ export function chooseTake(description: Description, seed: number): Take {
  */
 export function chooseStyle(description: Description, style: StyleOptions, seed: number): ChosenStyle {
   const { speaker, mixture, values, variation = VARIATION } = style;
+  if (style.variation !== undefined && speaker === undefined && mixture === undefined) {
+    throw new Error("the variation is that of a speaker or a mixture; give one, or leave it out");
+  }
   const take = chooseTake(description, seed);
   if ([speaker, mixture, values].filter((part) => part !== undefined).length > 1) {
     throw new Error("the style has more than one source; give only a speaker, a mixture or values");
