@@ -21,6 +21,14 @@ _MAX_LETTERS = 200  # of a message about a mistake
 Message = TypeVar("Message", bound="_Message")
 
 
+def _to_style(
+    speaker: str | None, mixture: dict[str, float] | None, seed: int | None, variation: float | None
+) -> Style:
+    if variation is not None and speaker is None and mixture is None:
+        raise UserError("the variation is that of a speaker or a mixture; give one, or leave it out")
+    return Style(speaker, mixture, seed=seed, variation=VARIATION if variation is None else variation)
+
+
 class MotionQuery(BaseModel):
     """Query of `POST /v1/motion`; the names and their meaning are those of the flags of `ha2g generate`."""
 
@@ -32,7 +40,7 @@ class MotionQuery(BaseModel):
     speaker: str | None = Field(None, description="name of a speaker of the training data")
     style: str | None = Field(None, description="mixture of speakers, such as A:0.3,B:0.7")
     style_seed: int | None = Field(None, ge=0, le=MAX_SEED, description="draw a style with this seed")
-    variation: float = Field(VARIATION, description="how much a seed changes the style of a speaker, 0 to 2")
+    variation: float | None = Field(None, description="how much a seed changes the style of a speaker, 0 to 2")
     energy: float = Field(1.0, description="speed of the motion, 0 to 2")
     extent: float = Field(1.0, description="size of the gestures, 0 to 2")
     handedness: Literal["left", "right", "both"] = Field("both", description="the other arm rests")
@@ -44,7 +52,7 @@ class MotionQuery(BaseModel):
         """Return the keyword arguments of `Model.generate`.
 
         Raises:
-            UserError: a mixture or a mute has another form.
+            UserError: a mixture or a mute has another form, or the variation is that of no speaker.
         """
         mixture = None if self.style is None else read_mixture(self.style)
         controls = Controls(
@@ -54,7 +62,7 @@ class MotionQuery(BaseModel):
             mirror=self.mirror,
             mutes=tuple(read_mute(mute) for mute in self.mute),
         )
-        style = Style(speaker=self.speaker, mixture=mixture, seed=self.style_seed, variation=self.variation)
+        style = _to_style(self.speaker, mixture, self.style_seed, self.variation)
         return {"style": style, "seed": self.seed, "fps": self.fps, "smoothing": self.smooth, "controls": controls}
 
 
@@ -68,10 +76,10 @@ class StyleMessage(_Message):
     speaker: str | None = None
     mixture: dict[str, float] | None = None
     seed: int | None = None
-    variation: float = VARIATION
+    variation: float | None = None
 
     def style(self) -> Style:
-        return Style(speaker=self.speaker, mixture=self.mixture, seed=self.seed, variation=self.variation)
+        return _to_style(self.speaker, self.mixture, self.seed, self.variation)
 
 
 class ControlsMessage(_Message):

@@ -37,6 +37,7 @@ BAD_REQUESTS = {
     "great seed": ("seed=99999999999999999999", None, 422, "seed: "),
     "nan": ("energy=nan", None, 422, "the energy is nan"),
     "speaker": ("speaker=eve", None, 422, "no speaker 'eve' in the model; expected one of: ada, ben"),
+    "variation": ("variation=1", None, 422, "the variation is that of a speaker or a mixture"),
     "late mute": ("mute=20:21", None, 422, "after the end of the motion"),
     "long": ("", wav(2.6), 422, "a.wav has more than"),
     "playlist": ("", b"#EXTM3U\nfile:///etc/passwd\n", 422, "a.wav"),
