@@ -8,10 +8,13 @@ import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from tqdm import tqdm
+
 from ha2g_jax.cli.parser import add_reading, reading, refuse_others
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import resolved, shown
 from ha2g_jax.files.writing import check_kept
+from ha2g_jax.progress import progress_bar
 
 if TYPE_CHECKING:
     import numpy as np
@@ -32,6 +35,9 @@ _OPTIONS = {
 }
 
 
+_EVERY = tuple({name: None for names in _OPTIONS.values() for name in names})
+
+
 def add_commands(commands: Any) -> None:
     """Add `export` to the commands of a parser."""
     export = commands.add_parser("export", help="write motion for Blender, Unity, Unreal or a robot, as video or page")
@@ -39,12 +45,17 @@ def add_commands(commands: Any) -> None:
         "Write motion in the format that the suffix of the file names: .bvh, .glb, .vrma, .json, .csv or .npz for "
         "other programs; .fbx, for which Blender or bpy must be installed; .mp4, a video; .html, a page that shows the "
         "motion in a browser and works offline; .png or .svg, a figure of key frames, as in a paper. Video, page and "
-        "figure take several motions, side by side."
+        "figure take several motions, side by side. With --format each motion becomes a file in the folder OUT."
     )
     export.add_argument(
         "motions", type=pathlib.Path, nargs="+", metavar="MOTION", help="motion of ha2g or of other programs"
     )
-    export.add_argument("-o", "--out", type=pathlib.Path, required=True, metavar="FILE", help="file to write")
+    export.add_argument(
+        "-o", "--out", type=pathlib.Path, required=True, help="file to write, or with --format a folder"
+    )
+    export.add_argument(
+        "--format", metavar="SUFFIX", help="write each motion, or those of a folder, in this format, for example bvh"
+    )
     export.add_argument(
         "--rig", help="joints of the file: ha2g, mixamo, smplx, unity, unreal or vrm (default: ha2g; .vrma: vrm)"
     )
@@ -75,13 +86,17 @@ def add_camera(command: argparse.ArgumentParser) -> None:
 
 
 def _export(arguments: argparse.Namespace) -> None:
+    if arguments.format is not None:
+        _export_each(arguments, "." + arguments.format.lower().removeprefix("."))
+        return
+    if folders := [path for path in arguments.motions if path.is_dir()]:
+        raise UserError(f"{shown(folders[0])} is a folder; name the format of its motions with --format")
     suffix = arguments.out.suffix.lower()
     if suffix not in _OPTIONS:
         raise UserError(
             f"cannot write {shown(arguments.out)}: {suffix or 'no suffix'}; expected one of {', '.join(_OPTIONS)}"
         )
-    every = {name: None for names in _OPTIONS.values() for name in names}
-    refuse_others(arguments, _OPTIONS[suffix], tuple(every), suffix)
+    refuse_others(arguments, _OPTIONS[suffix], _EVERY, suffix)
     check_kept([arguments.out], [*arguments.motions, arguments.audio, arguments.words])
     from ha2g_jax.motion.readers import check_reading
 
@@ -106,6 +121,45 @@ def _export_motion(arguments: argparse.Namespace, suffix: str) -> None:
     motion = read_motion(arguments.motions[0], **reading(arguments))
     seconds = _seconds(_read_audio(arguments.audio)) if arguments.audio else None
     formats.export(motion, arguments.out, rig=arguments.rig or rigs.OWN, audio_seconds=seconds)
+
+
+def _export_each(arguments: argparse.Namespace, suffix: str) -> None:
+    """Write the motions, and those in folders, to files of their names; failures are named and counted at the end."""
+    from ha2g_jax.evaluation.motion_folders import find_motions
+    from ha2g_jax.motion import formats, rigs
+    from ha2g_jax.motion.readers import check_reading, read_motion
+
+    kinds = [suffix for suffix, names in _OPTIONS.items() if "rig" in names]
+    if suffix not in kinds:
+        raise UserError(f"--format {shown(arguments.format)} is not a format of motion; expected {', '.join(kinds)}")
+    if arguments.out.suffix.lower() in _OPTIONS or arguments.out.is_file():
+        raise UserError(f"{shown(arguments.out)} would be a folder, for the motions in the format {suffix}")
+    refuse_others(arguments, ("rig",), _EVERY, f"--format {suffix}")
+    files = [path for path in arguments.motions if not path.is_dir()]
+    tasks = dict(zip(names_of(files), files, strict=True))
+    for folder in (path for path in arguments.motions if path.is_dir()):
+        for path in find_motions(folder).values():
+            if tasks.setdefault(str(path.relative_to(folder).with_suffix("")), path) != path:
+                raise UserError(f"two motions would be written to {shown(path.stem)}{suffix}; export them one by one")
+    outs = {arguments.out / f"{name}{suffix}": path for name, path in tasks.items()}
+    check_kept(list(outs), list(outs.values()))
+    check_reading(list(outs.values()), **reading(arguments))
+    rig = arguments.rig or rigs.OWN
+    formats.choose_rig(next(iter(outs)), rig)
+    failed = 0
+    with progress_bar("exporting", len(outs), "file") as bar:
+        for out, path in outs.items():
+            try:
+                motion = read_motion(path, **reading(arguments))
+                out.parent.mkdir(parents=True, exist_ok=True)
+                formats.export(motion, out, rig=rig)
+                tqdm.write(str(out))
+            except UserError as error:
+                failed += 1
+                tqdm.write(f"{shown(path)} failed: {error}", file=sys.stderr)
+            bar.update()
+    if failed:
+        raise UserError(f"{failed} of {len(outs)} files failed, for the reasons above")
 
 
 def _write_video(arguments: argparse.Namespace) -> None:

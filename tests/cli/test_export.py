@@ -57,6 +57,37 @@ def test_video_says_when_motion_and_sound_differ_in_length(files, tmp_path, caps
         assert container.streams.video[0].frames == 60
 
 
+def test_each_motion_of_a_folder_is_written_on_a_rig(files, tmp_path, capsys):
+    out = tmp_path / "out"
+    with pytest.raises(UserError, match="1 of 4 files failed, for the reasons above"):
+        run("export", files, "--format", "bvh", "--rig", "mixamo", "-o", out)
+    assert {path.relative_to(out).as_posix() for path in out.rglob("*.*")} == {"a.bvh", "b.bvh", "more/a.bvh"}
+    assert "mixamorig:Hips" in (out / "more" / "a.bvh").read_text()
+    message = capsys.readouterr()
+    assert sorted(message.out.split()) == [str(out / name) for name in ("a.bvh", "b.bvh", "more/a.bvh")]
+    assert "text.npz failed: " in message.err
+    run("export", files / "a.npz", files / "more" / "a.npz", "--format", ".glb", "-o", out)
+    assert {path.relative_to(out).as_posix() for path in out.rglob("*.glb")} == {"in/a.glb", "more/a.glb"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("-o", "x.bvh"), "in is a folder; name the format of its motions with --format"),
+        (("-o", "x.bvh", "--format", "glb"), "x.bvh would be a folder, for the motions in the format .glb"),
+        (("-o", "x", "--format", "mp4"), "--format mp4 is not a format of motion; expected .glb"),
+        (("-o", "x", "--format", "bvh", "--rig", "poser"), "no rig poser"),
+        (("-o", "x", "--format", "bvh", "--unit", "1"), "does not depend on --unit"),
+    ],
+)
+def test_what_a_folder_cannot_become_is_said_in_one_line(arguments, message, files, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (files / "text.npz").unlink()
+    with pytest.raises(UserError, match=message):
+        run("export", files, *arguments)
+    assert not (tmp_path / "x").exists()
+
+
 @pytest.mark.parametrize("suffix", [".png", ".svg"])
 def test_keyframes_of_several_motions_with_words(files, tmp_path, suffix):
     out = tmp_path / f"strip{suffix}"

@@ -31,6 +31,8 @@ REFUSED = {
         "export m.npz -o x.glb": "--words --names --size --fps --camera --count --unit --source-fps --joint-map",
         "export m.npz -o x.bvh": "--audio --words --names --size --fps --camera --count --unit --source-fps "
         "--joint-map",
+        "export m.npz --format bvh -o x": "--audio --words --names --size --fps --camera --count --unit --source-fps "
+        "--joint-map",
     },
     "runs": {"runs w": "--smooth", "runs w -o x.html": "--sort --json"},
     "doctor": {
@@ -78,7 +80,7 @@ ALWAYS = {
     "--style-seed --energy --extent --handedness --mirror --seed-pose --pin --mute --smooth",
     "live": "--source --sink --checkpoint --look-ahead --hop --seed --json --speaker --style --reference-image "
     "--style-seed --energy --extent --handedness --mirror --variation",
-    "export": "--out",
+    "export": "--out --format",
     "runs": "--out",
     "doctor": "--config --describe --benchmark --gradients --json",
     "evaluate": "--motion --reference --seed --json --markdown",

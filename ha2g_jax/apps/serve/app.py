@@ -170,7 +170,7 @@ async def _answer(service: Service, request: Request, query: MotionQuery) -> Res
             raise HTTPException(422, _NO_FORM)
         name = shown(pathlib.PurePath(upload.filename or "speech").name or "speech")
         start = time.monotonic()
-        content = await service.compute(_file, service, upload.file, name, query.format, options)
+        content = await service.compute(_file, service, upload.file, name, query, options)
         service.counters.motion_seconds.observe(time.monotonic() - start)
     finally:
         await form.close()
@@ -196,7 +196,7 @@ def _limited(request: Request, max_bytes: int) -> Callable[[], Awaitable[Any]]:
     return receive
 
 
-def _file(service: Service, sound: BinaryIO, name: str, suffix: str, options: Any) -> bytes:
+def _file(service: Service, sound: BinaryIO, name: str, query: MotionQuery, options: Any) -> bytes:
     """Return the file of the motion for an uploaded file of sound."""
     with tempfile.TemporaryDirectory(dir=service.folder) as folder:
         path = pathlib.Path(folder) / "speech"
@@ -208,6 +208,6 @@ def _file(service: Service, sound: BinaryIO, name: str, suffix: str, options: An
         except UserError as error:
             raise UserError(str(error).replace(shown(path), name)) from None
         motion = service.model.generate(Audio(samples, name), **options)
-        out = path.with_suffix(f".{suffix}")
-        formats.export(motion, out)
+        out = path.with_suffix(f".{query.format}")
+        formats.export(motion, out, rig=query.rig)
         return out.read_bytes()

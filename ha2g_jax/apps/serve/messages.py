@@ -3,6 +3,7 @@
 Paths are no part of them: a request reads no file of the machine.
 """
 
+import pathlib
 from typing import Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -11,7 +12,8 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
 from ha2g_jax.limits import MAX_SEED
 from ha2g_jax.motion.control import Controls, read_mute
-from ha2g_jax.motion.formats import SUFFIXES
+from ha2g_jax.motion.formats import SUFFIXES, choose_rig
+from ha2g_jax.motion.rigs import OWN
 from ha2g_jax.synthesis.generator import Options
 from ha2g_jax.synthesis.style import VARIATION, Style, read_mixture
 
@@ -35,6 +37,7 @@ class MotionQuery(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     format: Literal["npz", "json", "bvh", "glb", "vrma", "csv"] = "npz"
+    rig: str = Field(OWN, description="joints of the file, as of ha2g export; not of vrma, whose rig is vrm")
     seed: int = Field(0, ge=0, le=MAX_SEED, description="seed of all random choices")
     fps: float | None = Field(None, description="frames per second, 1 to 240; by default those of the model")
     speaker: str | None = Field(None, description="name of a speaker of the training data")
@@ -52,8 +55,10 @@ class MotionQuery(BaseModel):
         """Return the keyword arguments of `Model.generate`.
 
         Raises:
-            UserError: a mixture or a mute has another form, or the variation is that of no speaker.
+            UserError: a mixture or a mute has another form, the variation is that of no speaker, or the format does
+                not take the rig.
         """
+        choose_rig(pathlib.Path(f"motion.{self.format}"), self.rig)
         mixture = None if self.style is None else read_mixture(self.style)
         controls = Controls(
             energy=self.energy,

@@ -32,7 +32,13 @@ def test_files_are_those_of_generate(client, debug_model, suffix, tmp_path):
     assert answer.status == 200 and answer.body == (tmp_path / f"out.{suffix}").read_bytes()
 
 
+def test_a_rig_gives_its_joints(client):
+    assert b"ROOT mixamorig:Hips" in client.post("format=bvh&rig=mixamo", wav(1)).body
+
+
 BAD_REQUESTS = {
+    "rig": ("rig=poser", None, 422, "no rig poser; expected one of ha2g, mixamo"),
+    "rig of vrma": ("format=vrma&rig=unity", None, 422, "takes the rig vrm, not unity"),
     "unknown name": ("formats=npz", None, 422, "Extra inputs"),
     "great seed": ("seed=99999999999999999999", None, 422, "seed: "),
     "nan": ("energy=nan", None, 422, "the energy is nan"),
