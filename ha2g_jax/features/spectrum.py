@@ -267,6 +267,7 @@ class RunningMel:
         self._reference = TYPICAL_POWER if reference is None else reference
         self._is_running = reference is None
         self._powers = np.zeros((num_columns, NUM_MELS), np.float32)  # the latest column last; silence before the first
+        self._is_sound = np.zeros(num_columns, bool)  # of the same columns
         self._num_columns = 1  # that were computed since the start; the first one is silence
         self._samples = np.zeros(0, np.float32)  # those that later columns need, from number `_first` on
         self._first = 0
@@ -289,11 +290,18 @@ class RunningMel:
         powers[: max(known - start, 0)] = self._powers[first : first + max(known - start, 0)]
         return decibels(powers.T, self._reference).astype(np.float16).astype(np.float32)
 
+    def has_sound(self, start: int, end: int) -> bool:
+        """Return whether one of the kept columns from `start` on and before `end` is within 30 dB of 0 dB."""
+        first = len(self._is_sound) - self._num_columns
+        return bool(self._is_sound[max(first + start, 0) : max(first + end, 0)].any())
+
     def _add_column(self, samples: np.ndarray) -> None:
         power = mel_power(samples)[:, 0]
-        self._powers[:-1] = self._powers[1:]
-        self._powers[-1] = power
-        self._num_columns += 1
         loudest = float(power.max())
-        if self._is_running and loudest > self._reference * _SOUND:
+        is_sound = loudest > self._reference * _SOUND
+        for kept, latest in ((self._powers, power), (self._is_sound, is_sound)):
+            kept[:-1] = kept[1:]
+            kept[-1] = latest
+        self._num_columns += 1
+        if self._is_running and is_sound:
             self._reference = max(loudest, self._reference * _FALL, _LEAST_POWER)

@@ -5,6 +5,9 @@ as the windows before generated them. A model that was trained with hidden ends 
 pose, and the speech after them that has not been heard is hidden, see `features.spectrum`. Any other model has them at
 the end of a window that has been heard, and what is before them was generated before. What is computed depends on the
 samples so far and not on how they were cut into pieces.
+
+What a model makes of each short piece of a pause is a new start of a gesture, so that a stream rests by rule: where no
+sound is near, its frames ease to the pose in which the model rests in a file without sound, and the generator waits.
 """
 
 from typing import Any
@@ -15,17 +18,27 @@ import numpy as np
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
-from ha2g_jax.features.spectrum import RunningMel, hide_unheard, window_column, window_columns
+from ha2g_jax.features.spectrum import (
+    FLOOR_DB,
+    NUM_MELS,
+    RunningMel,
+    hide_unheard,
+    window_column,
+    window_columns,
+)
 from ha2g_jax.methods.method import Spec, Variables
 from ha2g_jax.motion.control.controls import NEUTRAL, Controls
-from ha2g_jax.motion.control.effects import Ramp, RunningControls, check_running
-from ha2g_jax.motion.resample import num_frames
+from ha2g_jax.motion.control.effects import EASE, Ramp, RunningControls, check_running
+from ha2g_jax.motion.resample import num_frames, slerp
+from ha2g_jax.motion.rotations import unit
 from ha2g_jax.motion.windows import RunningJoin
 from ha2g_jax.skeleton import Skeleton
 from ha2g_jax.synthesis.scan import generate_window
 from ha2g_jax.synthesis.style import RANDOM, Style, choose_style
 
 _MAX_SKIP_SECONDS = 3600.0
+_PAUSE_SECONDS = 0.3  # after the last sound, and before the hands begin to rest
+_REST_WINDOWS = 3  # of silence until a model is at rest
 
 
 class Stream:
@@ -66,25 +79,25 @@ class Stream:
         _check(spec, look_ahead, hop, reference)
         self.spec, self.look_ahead, self.hop, self.muted = spec, look_ahead, hop, False
         self._variables, self._assets, self._seed = variables, assets, seed
-        self.style, self.controls = style, controls
+        self._key = jax.random.key(seed)
+        self._start_pose = assets.seed_poses[np.random.default_rng(seed).integers(len(assets.seed_poses))]
+        self.style, self.controls = style, controls  # the program is compiled here, so that the first frame is not late
         self._style_ramp = Ramp(self._f_id, self.fps)
+        self._rest_ramp = Ramp(self._rest_pose.ravel(), self.fps)
+        self._weight_ramp: Ramp | None = None  # of the motion, from rest; begins at the first frame
         self._running_controls = RunningControls(self.skeleton, self.fps, controls)
         first = spec.num_seed_frames
         if not has_hidden_ends:  # the window ends where the speech that is heard ends
             first = min(max(first, spec.num_frames - look_ahead - hop + 1), spec.num_frames - hop)
         self._join = RunningJoin(spec.num_frames, spec.num_seed_frames, hop, first)
         longest = spec.num_frames + look_ahead  # frames from the start of a window to what is heard
-        self._mel = RunningMel(window_columns(longest, self.fps) + 2, reference)
-        pose = assets.seed_poses[np.random.default_rng(seed).integers(len(assets.seed_poses))]
+        self._mel = RunningMel(window_columns(longest, self.fps) + window_column(_PAUSE_SECONDS, 1) + 2, reference)
         # The frames before the next new one, from the start of its window on.
+        pose = self._start_pose
         self._past = np.concatenate([pose[:1]] * max(first - len(pose), 0) + [pose])
-        self._key = jax.random.key(seed)
         self._num_samples = self._num_runs = self._num_returned = 0
         self._held = np.zeros((0, spec.skeleton.num_bones, 3), np.float32)
         self._is_ended = False
-        # The program is compiled here, so that the first frame is not late.
-        silence = self._mel.window(0, window_columns(spec.num_frames, self.fps))
-        generate_window(spec, variables, {"mel": silence}, self._f_id, pose, self._key, np.int32(0))
 
     @property
     def fps(self) -> int:
@@ -131,6 +144,7 @@ class Stream:
     def style(self, style: Style) -> None:
         self._f_id, _ = choose_style(self.spec, self._variables, self._assets, style, self._seed)
         self._style = style
+        self._rest_pose = self._find_rest()
 
     def feed(self, samples: np.ndarray) -> np.ndarray:
         """Take the next samples, and return the frames that became final.
@@ -195,27 +209,66 @@ class Stream:
 
     def _run(self) -> np.ndarray:
         """Generate the next window, and return the frames from its first new one on."""
-        spec, index = self.spec, self._num_runs
-        start = index * self.hop - self._join.first
-        mel = self._mel.window(window_column(start, self.fps), window_columns(spec.num_frames, self.fps))
-        if not self._is_ended:
-            mel = hide_unheard(mel, start, self._heard() - start, self.fps)
         style = np.asarray(self._style_ramp.step(self._f_id, self.hop), np.float32)
+        rest = unit(self._rest_ramp.step(self._rest_pose.ravel(), self.hop).reshape(self._rest_pose.shape))
+        weights = self._weights()
+        if weights.any():
+            start = self._num_runs * self.hop - self._join.first
+            mel = self._mel.window(window_column(start, self.fps), window_columns(self.spec.num_frames, self.fps))
+            if not self._is_ended:
+                mel = hide_unheard(mel, start, self._heard() - start, self.fps)
+            window = self._generate(mel, style, self._past[: self.spec.num_seed_frames], self._num_runs)
+        else:
+            window = np.broadcast_to(rest.astype(np.float32), (self.spec.num_frames, *rest.shape))
+        new = self._rested(window, rest, weights)
+        if self._join.first:
+            new = new[self._join.first : self._join.first + self.hop]
+            self._past = np.concatenate([self._past, new])[-self._join.first :]
+        else:
+            self._past = new[self.hop :]
+        self._num_runs += 1
+        return self._rested(self._join.add(window), rest, weights[self._join.first :])
+
+    @staticmethod
+    def _rested(motion: np.ndarray, rest: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """Return a motion (T, bones, 3) with weights (T,), 0 for the pose `rest` (bones, 3)."""
+        return motion if weights.min() == 1 else slerp(rest, motion, weights[:, None, None]).astype(np.float32)
+
+    def _weights(self) -> np.ndarray:
+        """Return the weights (N,) of the generator's motion in the next window: 1 near sound, 0 at rest.
+
+        Frames after the next `hop` ones have the last weight; they are generated again, or the speech has ended.
+        """
+        first = self._num_runs * self.hop
+        frames = np.arange(first, first + self.hop)
+        if self._is_ended:  # what would follow the speech is not silence in it
+            frames = np.minimum(frames, num_frames(self._num_samples / SAMPLE_RATE, self.fps) - 1)
+        spans = frames[:, None] + np.array([-_PAUSE_SECONDS, EASE]) * self.fps
+        targets = [
+            np.array([float(self._mel.has_sound(*(window_column(moment, self.fps) for moment in span)))])
+            for span in spans.tolist()
+        ]
+        if self._weight_ramp is None:
+            self._weight_ramp = Ramp(targets[0], self.fps)
+        weights = np.concatenate([self._weight_ramp.step(target) for target in targets])
+        return np.pad(weights, (self._join.first, self.spec.num_frames - self._join.first - self.hop), mode="edge")
+
+    def _find_rest(self) -> np.ndarray:
+        """Return the pose (bones, 3) in which the model rests with the present style: where silence leads it."""
+        silence = np.full((NUM_MELS, window_columns(self.spec.num_frames, self.fps)), FLOOR_DB, np.float32)
+        window = self._start_pose
+        for index in range(_REST_WINDOWS):
+            window = self._generate(silence, self._f_id, window[-self.spec.num_seed_frames :], index)
+        return unit(window.mean(axis=0))
+
+    def _generate(self, mel: np.ndarray, style: np.ndarray, seed_pose: np.ndarray, index: int) -> np.ndarray:
+        """Return the poses (N, bones, 3) of a window."""
         window = np.asarray(
-            generate_window(spec, self._variables, {"mel": mel}, style, self._seed_pose(), self._key, np.int32(index))
+            generate_window(self.spec, self._variables, {"mel": mel}, style, seed_pose, self._key, np.int32(index))
         )
         if not np.isfinite(window).all():
             raise UserError(f"model {self._assets.hash} generated values that are not finite; train or export it again")
-        if self._join.first:
-            new = window[self._join.first : self._join.first + self.hop]
-            self._past = np.concatenate([self._past, new])[-self._join.first :]
-        else:
-            self._past = window[self.hop :]
-        self._num_runs += 1
-        return self._join.add(window)
-
-    def _seed_pose(self) -> np.ndarray:
-        return self._past[: self.spec.num_seed_frames]
+        return window
 
     def _heard(self) -> int:
         """Return the number of frames whose time must have passed before the next run."""

@@ -9,9 +9,11 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
+import ha2g_jax
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.spectrum import hide_unheard, mel_power
+from ha2g_jax.metrics.beats.strokes import wrist_positions
 from ha2g_jax.motion.control import Controls, rest_pose
 from ha2g_jax.motion.control.parts import arm_parts, bones_of
 from ha2g_jax.synthesis import Style, stream
@@ -178,6 +180,38 @@ def test_a_gap_is_bridged_with_silence(debug_model):
     bridged = np.concatenate([stream.feed(speech(1)), stream.skip(1.5), stream.feed(speech(1)), stream.flush()])
     samples = np.concatenate([speech(1), np.zeros(24000, np.float32), speech(1)])
     np.testing.assert_array_equal(bridged, np.concatenate([other.feed(samples), other.flush()]))
+
+
+@pytest.fixture(scope="module")
+def demo():
+    return ha2g_jax.load("demo")
+
+
+@pytest.mark.parametrize("part", range(4))
+def test_a_stream_rests_within_a_second_of_silence(demo, part):
+    """Every speaker, each with another seed: before speech, after it and in noise at -60 dBFS."""
+    options = [{"look_ahead": 0}, {"look_ahead": 3}, {"look_ahead": 8, "hop": 2}, {"look_ahead": 0, "hop": 30}][part]
+    noise = np.random.default_rng(part).normal(0, 1e-3, 2 * SAMPLE_RATE).astype(np.float32)
+    sound = np.concatenate([np.zeros(SAMPLE_RATE, np.float32), speech(0.6), noise, speech(0.6)])
+    for seed, speaker in list(enumerate(demo.assets.speakers))[part::4]:
+        frames = streamed(demo, sound, style=Style(speaker=speaker), seed=seed, **options)
+        speeds = movement_speeds(demo.assets.skeleton, frames)
+        assert speeds[: FPS - 9].max() < 0.05 and speeds[39:45].max() < 0.05
+        assert speeds[FPS:24].max() > 0.1 and speeds[54:].max() > 0.1
+        assert np.abs(np.diff(speeds[44:52])).max() < 1  # and goes on without a jump
+
+
+def movement_speeds(skeleton, frames):
+    """The greatest speed (T - 1,) of a wrist, in m/s."""
+    wrists = wrist_positions(skeleton, frames)
+    return FPS * np.linalg.norm(np.diff(wrists, axis=0), axis=-1).max(axis=-1)
+
+
+def test_a_stream_rests_where_a_file_does(demo):
+    style, silence = Style(speaker="speaker-03", variation=0), np.zeros(8 * SAMPLE_RATE, np.float32)
+    rest = wrist_positions(demo.assets.skeleton, streamed(demo, silence, style=style))
+    file = wrist_positions(demo.assets.skeleton, demo.generate(silence, style=style).directions[60:])
+    assert np.linalg.norm(rest - file.mean(axis=0), axis=-1).max() < 0.03
 
 
 @pytest.fixture(scope="module")

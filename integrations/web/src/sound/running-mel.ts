@@ -20,6 +20,7 @@ export class RunningMel {
   private reference: number;
   private readonly isRunning: boolean;
   private readonly powers: Float32Array; // (kept, 128), the latest column last; silence before the first
+  private readonly isSound: Uint8Array; // of the same columns
   private numColumns = 1; // that were computed since the start; the first one is silence
   private samples: Float32Array = new Float32Array(0); // those that later columns need, from number `first` on
   private first = 0;
@@ -35,6 +36,7 @@ export class RunningMel {
     this.reference = reference ?? TYPICAL_POWER;
     this.isRunning = reference === undefined;
     this.powers = new Float32Array(kept * NUM_MELS);
+    this.isSound = new Uint8Array(kept);
   }
 
   /** Adds samples at 16 kHz to the end, and computes the columns that they complete. */
@@ -70,13 +72,22 @@ export class RunningMel {
     return window;
   }
 
+  /** Returns whether one of the kept columns from `start` on and before `end` is within 30 dB of 0 dB. */
+  hasSound(start: number, end: number): boolean {
+    const first = this.kept - this.numColumns;
+    return this.isSound.subarray(Math.max(first + start, 0), Math.max(first + end, 0)).includes(1);
+  }
+
   private addColumn(samples: Float32Array, start: number): void {
     this.powers.copyWithin(0, NUM_MELS);
     const latest = this.powers.subarray(-NUM_MELS);
     melPower(samples, start, latest);
     this.numColumns++;
     const loudest = Math.max(...latest);
-    if (this.isRunning && loudest > this.reference * SOUND) {
+    const isSound = loudest > this.reference * SOUND;
+    this.isSound.copyWithin(0, 1);
+    this.isSound[this.kept - 1] = Number(isSound);
+    if (this.isRunning && isSound) {
       this.reference = Math.max(loudest, this.reference * FALL, LEAST_POWER);
     }
   }

@@ -1,9 +1,11 @@
 /** Motion from speech that arrives in pieces, while someone speaks, as in `ha2g_jax/synthesis/stream.py`. */
 
 import { checkEnergy } from "../motion/control/effects.js";
-import { Ramp, RunningControls } from "../motion/control/running.js";
+import { EASE_SECONDS, Ramp, RunningControls } from "../motion/control/running.js";
+import { type Numbers, tile, unit } from "../motion/rotations.js";
+import { slerp } from "../motion/sphere.js";
 import { round } from "../rounding.js";
-import { SAMPLE_RATE, windowColumn, windowColumns } from "../sound/mel.js";
+import { FLOOR_DB, NUM_MELS, SAMPLE_RATE, windowColumn, windowColumns } from "../sound/mel.js";
 import { RunningMel } from "../sound/running-mel.js";
 import { hideUnheard } from "../sound/unheard.js";
 import { checkNames, type StreamChange, type StreamOptions } from "./options.js";
@@ -11,8 +13,11 @@ import type { Sampler } from "./sampler.js";
 import { chooseStyle, chooseTake } from "./style.js";
 import { RunningJoin } from "./windows.js";
 
+const PAUSE_SECONDS = 0.3; // after the last sound, and before the hands begin to rest
+const REST_WINDOWS = 3; // of silence until a model is at rest
+
 /**
- * Motion that follows speech.
+ * Motion that follows speech, and rests where no sound is near.
  *
  * Frame k shows the time k / fps. Frames are made `hop` at a time: those of one hop use the speech up to `lookAhead`
  * frames after the last of them, and no later sample. A call of `feed`, `flush` or `skip` must be done before the next.
@@ -24,8 +29,12 @@ export class Stream {
   private readonly join: RunningJoin;
   private readonly mel: RunningMel;
   private readonly controls: RunningControls;
+  private readonly startPose: Float32Array;
   private readonly styleRamp: Ramp;
+  private readonly restRamp: Promise<Ramp>;
+  private weightRamp: Ramp | undefined; // of the motion, from rest; begins at the first frame
   private style: Float32Array;
+  private rest: Promise<Numbers>; // pose of the present style
   private energy: number;
   private muted: boolean;
   private past: Float32Array; // the frames before the next new one, from the start of its window on
@@ -52,8 +61,13 @@ export class Stream {
     // Without hidden ends the window ends where the speech that is heard ends.
     if (!has_hidden_ends) first = Math.min(Math.max(first, num_frames - lookAhead - hop + 1), num_frames - hop);
     this.join = new RunningJoin(num_frames, num_seed_frames, hop, first, sampler.size);
-    this.mel = new RunningMel(windowColumns(num_frames + lookAhead, fps) + 2, reference);
+    const kept = windowColumns(num_frames + lookAhead, fps) + windowColumn(PAUSE_SECONDS, 1) + 2;
+    this.mel = new RunningMel(kept, reference);
     const pose = seed_poses[chooseTake(sampler.description, seed).seed_pose];
+    this.startPose = Float32Array.from(pose.flat(2));
+    this.rest = this.findRest();
+    this.restRamp = this.rest.then((rest) => new Ramp(rest, fps));
+    this.restRamp.catch(() => undefined); // `run` has the error
     const still = Array.from({ length: Math.max(first - pose.length, 0) }, () => pose[0]);
     this.past = Float32Array.from([...still, ...pose].flat(2));
   }
@@ -68,6 +82,8 @@ export class Stream {
     checkEnergy(energy);
     if (Object.values(style).some((part) => part !== undefined)) {
       this.style = chooseStyle(this.sampler.description, style, this.seed).values;
+      this.rest = this.findRest();
+      this.rest.catch(() => undefined); // `run` has the error
     }
     [this.energy, this.muted] = [energy, muted];
   }
@@ -118,23 +134,65 @@ export class Stream {
   /** Generates the next window, and returns the frames from its first new one on. */
   private async run(): Promise<Float32Array> {
     const { description, size } = this.sampler;
-    const { num_seed_frames, fps, audio } = description;
-    const start = this.numRuns * this.hop - this.join.first;
-    const mel = this.mel.window(windowColumn(start, fps), audio.columns);
-    if (!this.isEnded) hideUnheard(mel, start, this.heard() - start, fps);
-    const style = Float32Array.from(this.styleRamp.step(this.style, this.hop));
-    const window = await this.sampler.run(mel, style, this.past.slice(0, num_seed_frames * size));
+    const { num_frames, num_seed_frames, fps, audio } = description;
     const { first } = this.join;
+    const style = Float32Array.from(this.styleRamp.step(this.style, this.hop));
+    const rest = unit((await this.restRamp).step(await this.rest, this.hop), 3);
+    const weights = this.weights();
+    let window: Float32Array;
+    if (weights.some(Boolean)) {
+      const start = this.numRuns * this.hop - first;
+      const mel = this.mel.window(windowColumn(start, fps), audio.columns);
+      if (!this.isEnded) hideUnheard(mel, start, this.heard() - start, fps);
+      window = await this.sampler.run(mel, style, this.past.slice(0, num_seed_frames * size));
+    } else {
+      window = Float32Array.from(tile(rest, num_frames));
+    }
+    const rested = withRest(window, rest, weights);
     if (first) {
       const latest = new Float32Array(this.past.length + this.hop * size);
       latest.set(this.past);
-      latest.set(window.subarray(first * size, (first + this.hop) * size), this.past.length);
+      latest.set(rested.subarray(first * size, (first + this.hop) * size), this.past.length);
       this.past = latest.slice(-first * size);
     } else {
-      this.past = window.slice(this.hop * size);
+      this.past = rested.slice(this.hop * size);
     }
     this.numRuns++;
-    return this.join.add(window);
+    return withRest(this.join.add(window), rest, weights.subarray(first));
+  }
+
+  /**
+   * Returns the weights (N) of the generator's motion in the next window: 1 near sound, 0 at rest.
+   *
+   * Frames after the next `hop` ones have the last weight; they are generated again, or the speech has ended.
+   */
+  private weights(): Numbers {
+    const { fps, num_frames } = this.sampler.description;
+    // What would follow the speech is not silence in it.
+    const last = this.isEnded ? Math.max(1, round((this.numSamples / SAMPLE_RATE) * fps)) - 1 : Infinity;
+    const weights = new Float64Array(num_frames);
+    for (let k = 0; k < this.hop; k++) {
+      const frame = Math.min(this.numRuns * this.hop + k, last);
+      const [from, to] = [-PAUSE_SECONDS, EASE_SECONDS].map((seconds) => windowColumn(frame + seconds * fps, fps));
+      const target = [Number(this.mel.hasSound(from, to))];
+      this.weightRamp ??= new Ramp(target, fps);
+      weights.fill(this.weightRamp.step(target)[0], k && this.join.first + k);
+    }
+    return weights;
+  }
+
+  /** Returns the pose (bones, 3) in which the model rests with the present style: where silence leads it. */
+  private async findRest(): Promise<Numbers> {
+    const { size, description } = this.sampler;
+    const silence = new Float32Array(NUM_MELS * description.audio.columns).fill(FLOOR_DB);
+    const { style } = this;
+    let window = this.startPose;
+    for (let k = 0; k < REST_WINDOWS; k++) {
+      window = await this.sampler.run(silence, style, window.slice(-description.num_seed_frames * size));
+    }
+    const mean = new Float64Array(size);
+    window.forEach((value, k) => (mean[k % size] += value));
+    return unit(mean, 3);
   }
 
   /** Returns the number of frames whose time must have passed before the next run. */
@@ -171,6 +229,16 @@ export class Stream {
   private checkOpen(): void {
     if (this.isEnded) throw new Error("the stream has ended; begin another one with Gesturer.stream");
   }
+}
+
+/** Returns a motion (T, bones, 3) with weights (T), 0 for the pose `rest` (bones, 3). */
+function withRest(motion: Float32Array, rest: Numbers, weights: Numbers): Float32Array {
+  const result = motion.slice();
+  weights.forEach((weight, frame) => {
+    const at = frame * rest.length;
+    if (weight < 1) result.set(slerp(rest, motion.subarray(at, at + rest.length), weight), at);
+  });
+  return result;
 }
 
 /** Checks the options of a stream but style and energy. */

@@ -11,7 +11,7 @@ import { rotationsFrom } from "./local-rotations.js";
 import { armParts, type Part, parts, restPose, SIDES } from "./parts.js";
 import { scaleAbout, scaleAboutMeans } from "./scaling.js";
 
-const EASE_SECONDS = 0.5;
+export const EASE_SECONDS = 0.5;
 
 /** Values that go to new ones within half a second, along a minimum-jerk curve. */
 export class Ramp {
