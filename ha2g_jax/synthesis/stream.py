@@ -6,8 +6,8 @@ pose, and the speech after them that has not been heard is hidden, see `features
 the end of a window that has been heard, and what is before them was generated before. What is computed depends on the
 samples so far and not on how they were cut into pieces.
 
-What a model makes of each short piece of a pause is a new start of a gesture, so that a stream rests by rule: where no
-sound is near, its frames ease to the pose in which the model rests in a file without sound, and the generator waits.
+Small errors of windows that begin every few frames add up in a pause, so that a stream rests by rule: where no sound is
+near, its frames ease to the pose in which the model rests in a silent file, and the generator is not run.
 """
 
 from typing import Any
@@ -49,8 +49,8 @@ class Stream:
     sample after (k + look_ahead) / fps, and is returned by the first `feed` that reaches this time. Only without any
     look-ahead a frame is returned half a frame later, because a shorter motion would not have it.
 
-    With a hop of N - M and a look-ahead of N, the windows are those of `Model.generate`, and so are the frames, if
-    `reference` is the maximum of the clip.
+    With a hop of N - M and a look-ahead of N, the windows are those of `Model.generate`, and so are the frames of speech
+    without long pauses, if `reference` is the maximum of the clip.
 
     Attributes:
         spec: networks and sizes of the model.
