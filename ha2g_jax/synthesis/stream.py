@@ -49,8 +49,8 @@ class Stream:
     sample after (k + look_ahead) / fps, and is returned by the first `feed` that reaches this time. Only without any
     look-ahead a frame is returned half a frame later, because a shorter motion would not have it.
 
-    With a hop of N - M and a look-ahead of N, the windows are those of `Model.generate`, and so are the frames of speech
-    without long pauses, if `reference` is the maximum of the clip.
+    With a hop of N - M and a look-ahead of N, the windows are those of `Model.generate`, and so are the frames, if
+    `reference` is the maximum of the clip and the speech has no long pauses.
 
     Attributes:
         spec: networks and sizes of the model.
