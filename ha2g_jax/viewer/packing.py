@@ -15,8 +15,10 @@ from ha2g_jax.figure import CAMERAS, SHIRTS, Colour
 from ha2g_jax.motion.armature import export_axes, figure_armature
 from ha2g_jax.motion.formats import video
 from ha2g_jax.motion.formats.body_mesh import COLOURS, body_mesh
+from ha2g_jax.motion.formats.surfaces import Surface
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.rigs import rest_positions
+from ha2g_jax.motion.smoothing import smoothstep
 from ha2g_jax.skeleton import Skeleton, load_skeleton, normalize
 
 PEAK_RATE = 50  # peaks of the waveform per second
@@ -52,8 +54,8 @@ def pack_body(skeleton: Skeleton) -> dict[str, Any]:
     """Encode the body of a `.glb` for a page, at rest with its spine at the origin.
 
     Returns:
-        JSON values: "joints" of the armature, each a name, the index of its parent and its place in metres; "parts",
-        each with the name and colour of a material, and its numbers of points and faces; "points" in tenths of a
+        JSON values: "joints" of the armature and "hips", each a name, the index of its parent and its place in metres;
+        "parts", each with the name and colour of a material, and its numbers of points and faces; "points" in tenths of a
         millimetre, a row over all points for each axis, as differences, int16; "bindings", four joints and then four
         weights of 0 to 255 for each point, uint8; "faces", the three points of each, as differences, int16; "shirts",
         the colours of figures side by side; "view", the smallest that is shown.
@@ -65,16 +67,13 @@ def pack_body(skeleton: Skeleton) -> dict[str, Any]:
 def _pack_body(name: str, lengths: tuple[float, ...]) -> dict[str, Any]:
     armature = figure_armature(dataclasses.replace(load_skeleton(name), lengths=np.array(lengths)))
     _, places = rest_positions(armature)
-    surfaces = body_mesh(armature)
+    surfaces = {colour: _with_hips(surface) for colour, surface in body_mesh(armature).items()}
     bindings = [surface.bindings for surface in surfaces.values()]
     weights = [np.rint(255 * weights).astype(np.uint8) for _, weights in bindings]
     points = np.rint(1e4 * np.concatenate([surface.points for surface in surfaces.values()])).T
     faces = np.concatenate([surface.faces.reshape(-1) for surface in surfaces.values()])
     return {
-        "joints": [
-            [joint, parent, place]
-            for joint, parent, place in zip(armature.joints, armature.parents, places.round(5).tolist())
-        ],
+        "joints": [*zip(armature.joints, armature.parents, places.round(5).tolist()), ("hips", 0, [0.0, 0.0, 0.0])],
         "parts": [
             [colour, _hex(COLOURS[colour][0]), len(part.points), len(part.faces)] for colour, part in surfaces.items()
         ],
@@ -86,6 +85,13 @@ def _pack_body(name: str, lengths: tuple[float, ...]) -> dict[str, Any]:
         "shirts": [_hex(shirt) for shirt in SHIRTS],
         "view": list(CAMERAS["body"]),
     }
+
+
+def _with_hips(surface: Surface) -> Surface:
+    """Divide what moves with the spine, joint 0, between it and the hips, a further joint, which lean half as much."""
+    below = surface.influence[:, :1] * smoothstep(-surface.points[:, 1:2], 0.0, 0.3)
+    spine, others = surface.influence[:, :1] - below, surface.influence[:, 1:]
+    return surface._replace(influence=np.concatenate([spine, others, below], axis=1))
 
 
 def _hex(colour: Colour) -> str:

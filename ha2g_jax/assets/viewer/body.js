@@ -97,6 +97,11 @@ class Body {
     if (bone.frame) {
       bone.turn.setFromRotationMatrix(basis(bone, bone.frame, "place").multiply(bone.back));
       if (bone.parent?.end === bone) shareTwist(bone.parent, bone);
+    } else if (bone.name === "hips") {
+      // They turn with the trunk and lean half as much.
+      const up = new THREE.Vector3(0, 1, 0).applyQuaternion(bone.turn), half = up.clone();
+      half.y += 1;
+      bone.turn.premultiply(new THREE.Quaternion().setFromUnitVectors(up, half.normalize()));
     } else if (bone.end) {
       const before = bone.end.rest.clone().sub(bone.rest).normalize().applyQuaternion(bone.turn);
       const now = bone.end.place.clone().sub(bone.place).normalize();
