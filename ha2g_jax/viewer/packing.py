@@ -55,7 +55,7 @@ def pack_body(skeleton: Skeleton) -> dict[str, Any]:
 
     Returns:
         JSON values: "joints" of the armature and "hips", each a name, the index of its parent and its place in metres;
-        "parts", each with the name and colour of a material, and its numbers of points and faces; "points" in tenths of a
+        "parts", each with the name and colour of a material, its numbers of points and faces; "points" in tenths of a
         millimetre, a row over all points for each axis, as differences, int16; "bindings", four joints and then four
         weights of 0 to 255 for each point, uint8; "faces", the three points of each, as differences, int16; "shirts",
         the colours of figures side by side; "view", the smallest that is shown.
