@@ -53,6 +53,7 @@ _LEAST_LETTERS = 0.05
 _DIALECTS: tuple[tuple[str, str, dict[str, str]], ...] = (
     ("Whisper, OpenAI", "segments", {}),
     ("Gentle, AssemblyAI, ElevenLabs", "words", {}),
+    ("AssemblyAI", "utterances", {}),
     ("whisperX", "word_segments", {}),
     ("Seamless Interaction", "metadata:transcript", {}),
     ("whisper.cpp", "transcription", {"start ms": "offsets.from", "end ms": "offsets.to"}),
@@ -76,7 +77,7 @@ _DIALECTS: tuple[tuple[str, str, dict[str, str]], ...] = (
     ("Azure", "NBest.0.Words", {"start ticks": "Offset", "duration ticks": "Duration"}),
     ("YouTube", "events", {}),
     ("aeneas", "fragments", {"text": "lines"}),
-    ("a list of words or segments", "", {}),
+    ("Soniox, a list of words or segments", "", {}),
 )
 # Keys of the words in a segment.
 _PARTS = ("words", "elements", "terms", "tokens", "segs")
@@ -270,7 +271,8 @@ def parse_json_words(text: str, path: pathlib.Path) -> list[Tier]:
         # OpenAI's service returns segments without words, and a separate list of words.
         dialects = sorted(_DIALECTS, key=lambda one: one[1] == "segments" and not _under(content, "segments.words"))
         for _, dialect, deeper in dialects:
-            stretches = _read(_under(content, dialect), deeper)
+            is_one = isinstance(content, dict) and not dialect
+            stretches = _read([content] if is_one else _under(content, dialect), deeper)
             if any(one.start is not None for one in stretches):
                 return [Tier("", stretches)]
     except json.JSONDecodeError as error:
