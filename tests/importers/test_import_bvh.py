@@ -14,6 +14,7 @@ from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
 from ha2g_jax.importers.mocap import ImportOptions, import_bvh, with_constant_lengths
 from ha2g_jax.motion.readers.bvh_motion import read_motion
+from ha2g_jax.motion.readers.recordings import other_rate
 from ha2g_jax.skeleton import bone_lengths, load_skeleton, positions_to_directions
 
 EXPRESSIVE, GESTURE = load_skeleton("ted_expressive"), load_skeleton("ted_gesture")
@@ -141,6 +142,16 @@ def test_a_name_that_is_not_utf8_is_imported_as_text(recording, tmp_path):
     import_bvh(recording(tmp_path / name, name), tmp_path / "out")
     (clip,) = Corpus.open(tmp_path / "out").clips("train")
     assert clip.recording == clip.speaker == "t\\xff\\xe9 lk"
+
+
+@pytest.mark.parametrize(
+    ("motion", "fps", "sound", "rate"),
+    [(127.07, 15, 64.1, 30), (60, 60, 30, 120), (60, 25, 50, 30), (60, 30, 59, None), (60, 30, 43, None)],
+)
+def test_the_rate_that_makes_motion_and_sound_equally_long_is_named(motion, fps, sound, rate):
+    """A whole ratio before a usual rate, also where the sound goes on for half a second more, as in BEAT2."""
+    found = other_rate(motion, fps, sound)
+    assert found.endswith(f"(--source-fps {rate})") if rate else found == ""
 
 
 def test_lengths_that_differ(recording, tmp_path, caplog):

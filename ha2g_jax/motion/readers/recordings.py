@@ -25,6 +25,7 @@ AUDIO_SUFFIXES = (
 _EMBODY_AUDIO = "separated_audio"
 _MAX_DIFFERENCE = 0.5  # seconds between the ends of motion and audio without a warning
 _MAX_ERROR = 0.015  # of the length at another frame rate, as a fraction of the length of the sound
+_MOST_CUT = 1.0  # seconds by which the sound of a public collection may be longer than its motion
 _MULTIPLES = range(2, 11)
 _MIN_FRACTION = 0.5  # minimum length of the shorter of motion and audio, as a fraction of the longer one
 
@@ -174,10 +175,14 @@ def other_rate(motion: float, fps: float | None, sound: float) -> str:
     """
     if fps is None:
         return ""
-    rates = {*USUAL_RATES, *(fps * number for number in _MULTIPLES), *(fps / number for number in _MULTIPLES)}
-    rate = min(rates, key=lambda rate: abs(motion * fps / rate - sound))
-    is_near = abs(motion * fps / rate - sound) <= min(_MAX_DIFFERENCE, _MAX_ERROR * sound)
-    if not is_near or abs(rate / fps - 1) < 2 * _MAX_ERROR:
+    whole = [*(fps * number for number in _MULTIPLES), *(fps / number for number in _MULTIPLES)]
+    for rates in (whole, USUAL_RATES):
+        rate = min(rates, key=lambda rate: abs(motion * fps / rate - sound))
+        if abs(motion * fps / rate - sound) <= min(_MOST_CUT, _MAX_ERROR * sound):
+            break
+    else:
+        return ""
+    if abs(rate / fps - 1) < 2 * _MAX_ERROR:
         return ""
     return (
         f": the lengths are as {motion / sound:.3g} to 1, so that {rate:.5g} frames per second may be right in place "
