@@ -126,6 +126,7 @@ def load_onnx(path: str | pathlib.Path) -> OnnxModel:
             options = onnxruntime.SessionOptions()
             options.log_severity_level = 4  # an exception says the same
             options.intra_op_num_threads = threads
+            options.enable_mem_pattern = False  # which takes up to twice the memory
             # Threads that wait for work do not take a core from the other part, or from other programs.
             options.add_session_config_entry("session.intra_op.allow_spinning", "0")
             # Weights of int8 become float32 once and not in each window.
