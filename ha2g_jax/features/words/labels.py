@@ -88,13 +88,13 @@ def find_labels(texts: Sequence[list[str]]) -> set[str]:
     word speaker it always is one. A name in capitals, with a number, or of up to five words that all begin with
     capitals, such as `JOHN:`, `P2:` and `Jordan Rivers:`, is one if the first text, two, or a fifth of the texts begin
     so: alone it may be a title. One word, such as `Jordan:`, is a label if it begins two texts, or if half of the texts
-    begin so and it has a capital after it or others beside it that are labels, or if all of several do; in small
-    letters, if it begins two and half of the texts have labels. Words that introduce a sentence, such as `Remember:`,
+    begin so and one of them goes on with a capital or is one of the others, or if all of several do; in small letters,
+    if it begins two and half of the texts have labels. Words that introduce a sentence, such as `Remember:`,
     never are.
     """
     counts: collections.Counter[str] = collections.Counter()
     forms: dict[str, int] = {}
-    before_capitals, num_usual = set(), 0
+    num_usual, is_before_capital = 0, False
     for index, lines in enumerate(texts):
         for number, line in enumerate(lines):
             turn = _TURN.match(line)
@@ -110,15 +110,15 @@ def find_labels(texts: Sequence[list[str]]) -> set[str]:
             counts[name] += 1
             forms[name] = max(form, forms.get(name, form))
             num_usual += (form >= _USUALLY) * (1 if index else 2)
-            if form and not rest.strip()[:1].islower():
-                before_capitals.add(name)
-    least = _USUALLY if num_usual > 1 or 5 * num_usual >= len(texts) else _ALWAYS
+            is_before_capital |= form > _RARELY and not rest.strip()[:1].islower()
+    with_words = [lines for lines in texts if any(map(split_words, lines))]
+    least = _USUALLY if num_usual > 1 or 5 * num_usual >= len(with_words) else _ALWAYS
     sure = {name for name, form in forms.items() if form >= least or (counts[name] > 1 and form)}
-    if 2 * counts.total() < len(texts):
+    if 2 * counts.total() < len(with_words):
         return sure
     named = {name for name, form in forms.items() if form or counts[name] > 1}
-    is_sure = sure or counts.total() >= max(2, len(texts)) or any(not forms[name] for name in named)
-    return named if is_sure else before_capitals
+    is_sure = sure or is_before_capital or counts.total() >= max(2, len(with_words)) or not all(map(forms.get, named))
+    return named if is_sure else set()
 
 
 def _label(line: str) -> tuple[str, str, int] | None:

@@ -38,6 +38,14 @@ def test_any_transcript_is_the_same_in_every_dialect(tmp_path_factory, name, wor
     assert times == pytest.approx([time for _, *pair in words for time in pair], abs=1e-6)
 
 
+@pytest.mark.parametrize("name", ["list.json", "aeneas.json", "audacity.txt", "units.csv", "long.txt", "voices.txt"])
+def test_tags_sounds_and_labels_are_no_words_in_any_dialect(tmp_path, name):
+    lines = [("[Mary]: hello (laughs)", 0, 1), ("♪ <i>yes</i>", 1, 2), ("[music]", 2, 3), (">> Bob: at 12:30", 3, 4)]
+    content = DIALECTS[name](lines)
+    (tmp_path / name).write_text(content if isinstance(content, str) else json.dumps(content))
+    assert [word.text for word in read_words(tmp_path / name)] == ["hello", "yes", "at", "12", "30"]
+
+
 @pytest.mark.parametrize(
     ("entries", "expected"),
     [
