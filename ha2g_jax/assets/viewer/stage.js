@@ -127,16 +127,17 @@ class Stage {
     const size = (columns) =>
       Math.min(width / columns / wide, (height / Math.ceil(count / columns) - strip) / (bottom - top));
     const columns = [...Array(count).keys()].map((i) => i + 1).reduce((a, b) => (size(b) > size(a) ? b : a));
-    const rows = Math.ceil(count / columns), tall = (height / rows - strip) / size(columns);
-    const low = Math.max(bottom, Math.min(bottom + (tall - bottom + top) / 2, KNEES)); // the legs use half of what is left
+    const rows = Math.ceil(count / columns), scale = size(columns), tall = height / rows / scale;
+    const spare = tall - strip / scale - (bottom - top); // of which the legs use half
+    const low = Math.max(bottom, Math.min(bottom + spare / 2, KNEES));
     this.fitted = { tall, low }; // metres that are seen, and their lower end
-    const above = (tall - low + top) * size(columns); // pixels above the figures
+    const above = (tall - low + top) * scale; // pixels above the figures
     this.parts = [...Array(count).keys()].map((i) => {
       const inRow = Math.floor(i / columns) === rows - 1 ? count - columns * (rows - 1) : columns;
       const [from, , to] = isOverlaid ? [left, top, right] : this.views[i];
       return {
-        x: ((i % columns) + (columns - inRow) / 2) * (width / columns), shift: (-(from + to) / 2) * size(columns),
-        y: Math.floor(i / columns) * (height / rows) + strip, width: width / columns, height: height / rows - strip,
+        x: ((i % columns) + (columns - inRow) / 2) * (width / columns), shift: (-(from + to) / 2) * scale,
+        y: Math.floor(i / columns) * (height / rows), width: width / columns, height: height / rows,
       };
     });
     this.labels.forEach((label, i) => {
@@ -151,9 +152,8 @@ class Stage {
   }
 
   aim(part) {
-    this.camera.aspect = part.width / part.height;
     this.camera.fov = 2 * Math.atan(this.fitted.tall / 2 / DISTANCE) * (180 / Math.PI);
-    this.camera.updateProjectionMatrix();
+    this.camera.setViewOffset(part.width, part.height, -part.shift, 0, part.width, part.height);
   }
 
   draw(time, isSmooth) {
@@ -169,7 +169,7 @@ class Stage {
       this.bodies.forEach((body, k) => { body.group.visible = this.isOverlaid || k === i; });
       this.aim(part);
       const bottom = height - part.y - part.height;
-      this.renderer.setViewport(part.x + part.shift, bottom, part.width, part.height);
+      this.renderer.setViewport(part.x, bottom, part.width, part.height);
       this.renderer.setScissor(part.x, bottom, part.width, part.height);
       this.renderer.render(this.scene, this.camera);
     });
@@ -194,7 +194,7 @@ class Stage {
     const part = this.parts[this.isOverlaid ? 0 : figure];
     this.aim(part);
     const point = this.bodies[figure].joint(joint).clone().project(this.camera);
-    return { x: part.x + part.shift + ((point.x + 1) / 2) * part.width, y: part.y + ((1 - point.y) / 2) * part.height };
+    return { x: part.x + ((point.x + 1) / 2) * part.width, y: part.y + ((1 - point.y) / 2) * part.height };
   }
 
   nameJoint() {
