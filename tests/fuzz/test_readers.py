@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 import soundfile
+from fixtures.glb_reader import join_glb, split_glb
 from fixtures.motions import swaying
 from fixtures.transcripts import DIALECTS, TEXTS, TREES, WORDS, check_words
 from fixtures.web_inputs import wav_header
@@ -272,6 +273,32 @@ def chain() -> bytes:
     return f"HIERARCHY\n{''.join(joints)}{'}' * 1000}\n{motion}".encode()
 
 
+def far_keys(fps: float) -> bytes:
+    """Return a glTF of a few keys whose last is two hours after the others, at any frame rate."""
+    tree, blob = split_glb(plain_motions()["x.vrma"])
+    tree["scenes"][0]["extras"]["fps"] = fps
+    start = 4 * (FRAMES - 1)  # of the last time
+    return join_glb(tree, blob[:start] + struct.pack("<f", 7_200) + blob[start + 4 :])
+
+
+def many_tracks() -> bytes:
+    """Return a glTF whose thousands of tracks are one array of half a million keys."""
+    tree, blob = split_glb(plain_motions()["x.vrma"])
+    clip, keys = tree["animations"][0], 1 << 19
+    for kind, width, data in (
+        ("SCALAR", 1, np.arange(keys, dtype="<f4") / 1000),
+        ("VEC4", 4, np.zeros(4 * keys, "<f4")),
+    ):
+        tree["bufferViews"].append({"buffer": 0, "byteOffset": len(blob), "byteLength": 4 * width * keys})
+        view = len(tree["bufferViews"]) - 1
+        tree["accessors"].append({"bufferView": view, "componentType": 5126, "count": keys, "type": kind})
+        blob += data.tobytes()
+    last = len(tree["accessors"]) - 1
+    clip["samplers"] = [sampler | {"input": last - 1, "output": last} for sampler in clip["samplers"]]
+    clip["channels"] *= 1_000
+    return join_glb(tree, blob)
+
+
 def laughs() -> bytes:
     """Return a map that unfolds to 8^30 names."""
     rows = "".join(f"a{number}: &a{number} [{f'*a{number - 1}, ' * 8}]\n" for number in range(1, 30))
@@ -303,6 +330,8 @@ BOMBS: dict[str, tuple[str, str, Callable[[], bytes], str]] = {
     "deep transcript": ("transcript", "a.json", lambda: DEEP, "nested too deep"),
     "deep settings": ("settings", "a.json", lambda: DEEP, "a.json"),
     "deep map": ("joint map", "a.yaml", lambda: b"[" * 30_000, "nested too deep"),
+    "far keys": ("motion to score", "x.glb", lambda: far_keys(1000.0), "frames of .* joints; cut the file"),
+    "many tracks": ("motion to score", "x.glb", many_tracks, "more than 30,000,000 numbers in its animations"),
     "deep motion": ("motion to score", "m.json", lambda: DEEP, "nested too deep"),
 }  # fmt: skip
 

@@ -252,8 +252,8 @@ def _rests_on_rig(bvh: Bvh, name: str, places: Mapping[str, int], skeleton: Skel
         rest[joint] = bvh.offsets[joint] + (rest[parent] if parent >= 0 else 0)
     pairs = [tuple(skeleton.joints[joint] for joint in bone) for bone in skeleton.bones]
     pairs = [pair for pair in pairs if {*pair} <= (places.keys() - {HEAD}) & where.keys()]
-    expected = unit_vectors([theirs[where[end]] - theirs[where[start]] for start, end in pairs])
-    found = unit_vectors([rest[places[end]] - rest[places[start]] for start, end in pairs])
+    expected = unit_vectors(np.array([theirs[where[end]] - theirs[where[start]] for start, end in pairs]))
+    found = unit_vectors(np.array([rest[places[end]] - rest[places[start]] for start, end in pairs]))
     return bool((np.sum(expected * found, axis=-1) > _ALIKE).all())
 
 

@@ -55,6 +55,7 @@ class _File:
             raise ValueError("its head is none of glTF 2.0, or it is cut off")
         if size > limits.MAX_MOTION_JSON_BYTES:
             raise ValueError(f"{size} bytes of JSON, expected at most {limits.MAX_MOTION_JSON_BYTES}")
+        self.num_values = 0
         self.path, self.tree = path, parse_json(content[20 : 20 + size])
         self.blob = memoryview(content)[28 + size :]
         self.nodes: list[dict[str, Any]] = self.tree["nodes"]
@@ -67,6 +68,8 @@ class _File:
         parents, joints = self._joints()
         tracks = self._tracks(set(joints))
         times, fps = self._times([times for times, _, _ in tracks.values()])
+        if len(times) * (1 + len(joints)) > limits.MAX_BVH_VALUES // 4:
+            raise ValueError(f"{len(times)} frames of {len(joints)} joints; cut the file")
         number = {node: index for index, node in enumerate(joints, start=1)}
         # The first joint is the scene, as there may be several roots.
         above = (-1, *(number.get(parents.get(node, -1), 0) for node in joints))
@@ -151,6 +154,9 @@ class _File:
         if "sparse" in accessor or "extensions" in view or "uri" in self.tree["buffers"][view["buffer"]]:
             raise ValueError("an animation that is compressed or in another file; export it as one plain .glb")
         kind, width = np.dtype(_COMPONENTS[accessor["componentType"]]), _WIDTHS[accessor["type"]]
+        self.num_values += accessor["count"] * width
+        if self.num_values > limits.MAX_BVH_VALUES:
+            raise ValueError(f"more than {limits.MAX_BVH_VALUES:,} numbers in its animations; cut the file")
         start = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
         values = np.frombuffer(self.blob, kind, accessor["count"] * width, start).reshape(-1, width)
         return values.astype(float) if kind.kind == "f" else np.maximum(values / np.iinfo(kind).max, -1)

@@ -120,7 +120,7 @@ def read_csv(path: pathlib.Path, fps: float | None = None) -> Bvh:
     times, values = table[:, 0], table[:, 1:]
     places = values[:, : 3 * len(joints)].reshape(-1, len(joints), 3)
     with naming(path):
-        if (fps is None and not (np.diff(times) > 0).all()) or (len(times) < 2 and fps is None):
+        if fps is None and not (len(times) > 1 and (np.diff(times) > 0).all()):
             raise UserError("its times do not tell the frames per second; state them (--source-fps)")
         local = as_rotations(values[:, 3 * len(joints) :].reshape(-1, len(joints), 4))
         turned, parents = local.copy(), np.maximum(armature.parents, 0)
@@ -133,8 +133,7 @@ def read_csv(path: pathlib.Path, fps: float | None = None) -> Bvh:
 
 def _armatures() -> Iterator[Armature]:
     """Yield the armatures that `ha2g export` writes, with any lengths of bones."""
-    for skeleton in SKELETONS:
-        own = ha2g_armature(load_skeleton(skeleton))
-        yield from (own, with_legs(own, np.zeros((len(lower_body.JOINTS) + 1, 3))))
-    for rig in rigs.RIGS[1:]:
-        yield rigs.armature_of(rigs.load_rig(rig), own)
+    every = [ha2g_armature(load_skeleton(skeleton)) for skeleton in SKELETONS]
+    yield from every
+    yield from (with_legs(own, np.zeros((len(lower_body.JOINTS) + 1, 3))) for own in every)
+    yield from (rigs.armature_of(rigs.load_rig(rig), every[0]) for rig in rigs.RIGS[1:])
