@@ -146,6 +146,7 @@ def files(person, tmp_path_factory) -> dict[str, pathlib.Path]:
     for kind, names in (("BVH", MIXAMO), ("GENEA BVH", GENEA), ("BEAT BVH", BEAT), ("ZeroEGGS BVH", ZEROEGGS)):
         paths[kind] = folder / f"{kind.split()[0].lower()}.bvh"
         paths[kind].write_text(bvh(person, names))
+    from ha2g_jax.motion import formats
     from ha2g_jax.motion.readers import read_motion
 
     motion = read_motion(paths["BEAT2"])
@@ -163,6 +164,9 @@ def files(person, tmp_path_factory) -> dict[str, pathlib.Path]:
         np.save(paths[kind], array)
     motion.save(folder / "own.npz")
     paths["own"] = folder / "own.npz"
+    for kind, name in (("glTF", "moved.glb"), ("VRM animation", "moved.vrma"), ("table", "moved.csv")):
+        paths[kind] = folder / name
+        formats.export(motion, paths[kind])
     named = {"fps": FPS, "joint_names": list(motion.joint_names), "positions": motion.positions.tolist()}
     paths["named positions npz"] = folder / "named.npz"
     np.savez(paths["named positions npz"], **named)

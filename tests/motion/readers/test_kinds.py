@@ -27,7 +27,7 @@ KINDS = (
     *("own", "BEAT2", "AMASS SMPL-X", "AMASS SMPL-H", "AMASS parts", "smplx package"),
     *("SMPL-X joints", "SMPL-X joints array", "BVH", "GENEA BVH", "BEAT BVH", "ZeroEGGS BVH"),
     *("directions", "directions less mean", "TED-Gesture directions", "TED-Expressive positions"),
-    *("TED-Gesture positions", "named positions", "named positions npz"),
+    *("TED-Gesture positions", "named positions", "named positions npz", "glTF", "VRM animation", "table"),
 )
 POSED = (
     *("BEAT2", "AMASS SMPL-X", "AMASS SMPL-H", "AMASS parts", "smplx package"),
@@ -85,7 +85,9 @@ def test_every_kind_is_read(kind, files):
     assert (motion.num_frames, motion.fps) == (FRAMES, 30)
 
 
-@pytest.mark.parametrize("kind", ["own", "BEAT2", "BVH", "directions", "TED-Gesture positions", "named positions"])
+@pytest.mark.parametrize(
+    "kind", ["own", "BEAT2", "BVH", "glTF", "directions", "TED-Gesture positions", "named positions"]
+)
 def test_kinds_go_through_every_command(kind, files, tmp_path, capsys):
     go_through_all(files[kind], tmp_path, capsys, *(("--source-fps", 30) if kind in WITHOUT_RATE else ()))
 

@@ -1,10 +1,12 @@
 """Joints that we read from BVH, and write to BVH and GLB, are where Blender, bvhio and pybvh find them, to 1 mm."""
 
 import pathlib
+import subprocess
 from collections.abc import Callable
 
 import numpy as np
 import pytest
+from fixtures.blender import blender_python
 from fixtures.bvh_readers import bvhio_places, pybvh_places
 from motion.formats.conftest import blender  # noqa: F401
 from motion.readers import bvh_files
@@ -84,6 +86,23 @@ def test_a_bvh_is_written_where_others_find_its_joints(kind, files, places_of, t
     motion = read_motion(files[kind])
     formats.export(motion, tmp_path / "x.bvh")
     check_writing(motion, places_of(tmp_path / "x.bvh"))
+
+
+def test_what_blender_writes_to_a_glb_is_read_where_it_was(files, tmp_path):
+    """Armatures, keys and names as Blender's exporter leaves them, of a BVH, whose first frame Blender calls 1."""
+    script = (
+        "import bpy, sys; bpy.ops.wm.read_factory_settings(use_empty=True); "
+        "bpy.ops.import_anim.bvh(filepath=sys.argv[1], update_scene_fps=True); "
+        "bpy.ops.export_scene.gltf(filepath=sys.argv[2])"
+    )
+    command = [blender_python(), "-c", script, str(files["BVH"]), str(tmp_path / "x.glb")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (tmp_path / "x.glb").is_file(), done.stdout + done.stderr
+    found, expected = read_motion(tmp_path / "x.glb"), read_motion(files["BVH"])
+    assert found.fps == expected.fps and found.num_frames == expected.num_frames + 1
+    read = [joint for joint, name in enumerate(found.joint_names) if name not in MADE_UP]
+    theirs, ours = (places[:, read].astype(np.float64) for places in (expected.positions, found.positions[1:]))
+    np.testing.assert_allclose(theirs @ rigid(theirs, ours), ours, atol=MILLIMETRE)
 
 
 def test_blender_finds_what_is_written_to_a_glb(files, request, tmp_path):
