@@ -9,6 +9,7 @@ from typing import Any
 
 from ha2g_jax.cli import generate
 from ha2g_jax.cli.parser import read_seed, refuse_others
+from ha2g_jax.limits import DEFAULT_LOOK_AHEAD
 from ha2g_jax.progress import stage
 
 
@@ -54,16 +55,20 @@ def add_commands(commands: Any) -> None:
     command.add_argument(
         "--look-ahead",
         type=int,
-        default=3,
+        default=DEFAULT_LOOK_AHEAD,
         metavar="FRAMES",
-        help="frames of sound after a frame that it may use (default: 3)",
+        help=f"frames of sound after a frame that it may use (default: {DEFAULT_LOOK_AHEAD})",
     )
     command.add_argument("--hop", type=int, default=1, metavar="FRAMES", help="frames computed at once (default: 1)")
     command.add_argument("--seed", type=read_seed, default=0, help="seed of all random choices (default: 0)")
     command.add_argument("--rig", default="ha2g", help="joints of JSON, as of ha2g export (default: ha2g)")
     command.add_argument("--json", action="store_true", help="print the counts of the run as JSON at its end")
     generate.add_style(command)
-    generate.add_amounts(command.add_argument_group("control of the motion"))
+    controls = command.add_argument_group("control of the motion")
+    generate.add_amounts(controls)
+    controls.add_argument(
+        "--muted", action="store_true", help='begin with resting arms, until the sender of ws:// says {"muted": false}'
+    )
     command.set_defaults(run=run)
 
 
@@ -102,6 +107,7 @@ def run(arguments: argparse.Namespace) -> int:
             style=generate.read_style(arguments),
             seed=arguments.seed,
             controls=generate.read_amounts(arguments),
+            muted=arguments.muted,
             delay=arguments.delay,
             fps=arguments.fps,
             stop=stop,

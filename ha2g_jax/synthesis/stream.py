@@ -26,6 +26,7 @@ from ha2g_jax.features.spectrum import (
     window_column,
     window_columns,
 )
+from ha2g_jax.limits import DEFAULT_LOOK_AHEAD
 from ha2g_jax.methods.method import Spec, Variables
 from ha2g_jax.motion.control.controls import NEUTRAL, Controls
 from ha2g_jax.motion.control.effects import EASE, Ramp, RunningControls, check_running
@@ -68,7 +69,7 @@ class Stream:
         variables: Variables,
         assets: Assets,
         *,
-        look_ahead: int = 3,
+        look_ahead: int = DEFAULT_LOOK_AHEAD,
         hop: int = 1,
         style: Style = RANDOM,
         seed: int = 0,

@@ -18,7 +18,7 @@ from ha2g_jax.apps.live.sinks import Sinks
 from ha2g_jax.apps.live.sources import Source
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
-from ha2g_jax.limits import MAX_MOTION_SECONDS
+from ha2g_jax.limits import DEFAULT_LOOK_AHEAD, MAX_MOTION_SECONDS
 from ha2g_jax.motion import control
 from ha2g_jax.progress import progress_bar, stage
 from ha2g_jax.stopping import on_stop_signals
@@ -36,11 +36,12 @@ def run(
     source: Source,
     sinks: Sinks,
     *,
-    look_ahead: int = 3,
+    look_ahead: int = DEFAULT_LOOK_AHEAD,
     hop: int = 1,
     style: Style = RANDOM,
     seed: int = 0,
     controls: control.Controls = control.NEUTRAL,
+    muted: bool = False,
     delay: float | None = None,
     fps: int | None = None,
     stop: StopFlag | None = None,
@@ -55,6 +56,7 @@ def run(
         source: sound.
         sinks: where the frames go.
         look_ahead, hop, style, seed, controls: see `Model.stream`.
+        muted: whether the arms rest until the source says otherwise.
         delay: seconds that the sound is played later than the source gives it; by default the least, the latency of
             the stream and the delay of the interpolation, with which frames leave when they are computed.
         fps: frames per second that are sent, by default those of the model; other rates are interpolated.
@@ -70,6 +72,7 @@ def run(
     stop = stop or StopFlag()
     with stage("compiling the model"):
         stream = model.stream(look_ahead=look_ahead, hop=hop, style=style, seed=seed, controls=controls)
+    stream.muted = muted
     interpolation = Interpolation(stream.fps, stream.fps if fps is None else fps)
     latency = stream.latency + interpolation.delay
     if delay is not None and not latency <= delay <= _LONGEST_DELAY:
@@ -134,6 +137,8 @@ def _follow(
         shown = clock.now()
         for chunk in chunks:
             timeline.add(len(chunk.samples), chunk.heard)
+            if chunk.muted is not None:
+                stream.muted = chunk.muted
             emit(_timed(meter, clock, stream.feed, chunk.samples))
             meter.sound_seconds, meter.lost_seconds = timeline.num_samples / SAMPLE_RATE, source.lost_seconds
             if clock.now() - shown >= _METER_SECONDS:

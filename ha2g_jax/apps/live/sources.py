@@ -8,6 +8,7 @@ moment it arrives, or after the sound before it; where nothing is sent, silence 
 
 import contextlib
 import io
+import json
 import pathlib
 import queue
 import sys
@@ -51,10 +52,14 @@ _OTHERS = {
 
 
 class Chunk(NamedTuple):
-    """Samples (samples,), float32 mono at 16 kHz, and the time of the clock at which the first of them is heard."""
+    """Samples (samples,), float32 mono at 16 kHz, and the time of the clock at which the first of them is heard.
+
+    Where `muted` is not None, the arms rest, or move again, from here on.
+    """
 
     samples: np.ndarray
     heard: float
+    muted: bool | None = None
 
 
 class Source(Protocol):
@@ -134,12 +139,12 @@ class Inbox:
 
     def __init__(self, rate: int) -> None:
         self._rate = rate
-        self._pieces: queue.Queue[np.ndarray | UserError | None] = queue.Queue(_QUEUE)
+        self._pieces: queue.Queue[np.ndarray | bool | UserError | None] = queue.Queue(_QUEUE)
         self._is_closed = False
 
-    def put(self, piece: np.ndarray | UserError | None) -> bool:
-        """Wait for room, append samples, None for the end of the sound or an error that is raised there, and return
-        whether the run still listens.
+    def put(self, piece: np.ndarray | bool | UserError | None) -> bool:
+        """Wait for room, append samples, whether the arms rest from there on, None for the end of the sound or an error
+        that is raised there, and return whether the run still listens.
         """
         while not self._is_closed:
             with contextlib.suppress(queue.Full):
@@ -162,6 +167,9 @@ class Inbox:
                 piece = self._pieces.get_nowait()
             if isinstance(piece, UserError):
                 raise piece
+            if isinstance(piece, bool):
+                yield Chunk(np.zeros(0, np.float32), end, piece)
+                continue
             if piece is None:
                 yield resampler.resample(np.zeros(0, np.float32), end, is_last=True)
                 return
@@ -232,16 +240,24 @@ class WebSocketSource:
         try:
             decoder = _Decoder(self._rate)
             for message in connection:
-                if isinstance(message, str):
-                    connection.close(_UNSUPPORTED, "send sound as binary messages of 16-bit PCM")
-                    return
-                if not inbox.put(decoder.decode(message)):
+                if not inbox.put(_read_mute(message) if isinstance(message, str) else decoder.decode(message)):
                     return
             inbox.put(decoder.decode(b"", is_last=True))
         except UserError as error:
             connection.close(_UNSUPPORTED, str(error)[:_MOST_REASON])
         finally:
             self._sender.release()
+
+
+def _read_mute(text: str) -> bool:
+    """Return the value of the message {"muted": true} or {"muted": false}."""
+    try:
+        message = json.loads(text)
+    except (ValueError, RecursionError):
+        message = None
+    if not (isinstance(message, dict) and message.keys() == {"muted"} and isinstance(message["muted"], bool)):
+        raise UserError('send sound as binary messages, and of text {"muted": true} or {"muted": false} only')
+    return message["muted"]
 
 
 class _Decoder:

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
-from ha2g_jax.limits import MAX_SEED
+from ha2g_jax.limits import DEFAULT_LOOK_AHEAD, MAX_SEED
 from ha2g_jax.motion.control import Controls, read_mute
 from ha2g_jax.motion.formats import SUFFIXES, choose_rig
 from ha2g_jax.motion.rigs import OWN
@@ -102,7 +102,7 @@ class ControlsMessage(_Message):
 class Begin(_Message):
     """First message of a stream."""
 
-    look_ahead: int = 3
+    look_ahead: int = DEFAULT_LOOK_AHEAD
     hop: int = 1
     seed: int = 0
     style: StyleMessage = StyleMessage()

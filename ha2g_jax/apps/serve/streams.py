@@ -155,7 +155,7 @@ async def _converse(service: Service, websocket: WebSocket) -> None:
 async def _run(service: Service, websocket: WebSocket) -> None:
     first = await _receive(service, websocket)
     if isinstance(first, bytes):
-        raise UserError('the first message is binary; expected JSON, such as {"look_ahead": 3}')
+        raise UserError('the first message is binary; expected JSON, such as {"look_ahead": 8}')
     asked = read_message(Begin, first)
     session = await service.compute(Session.begin, service, asked)
     stream, sent = session.stream, 0  # frames that were sent since the last clear

@@ -27,6 +27,7 @@ class SpeakingPage extends LivePage {
     on("#microphone", "click", () => this.start(null));
     on("#stop", "click", () => this.stop("Stopped."));
     on("#settings", "submit", (event) => event.preventDefault());
+    find("#ahead").value = this.content.lookAhead;
     on("#ahead", "input", () => this.label());
     on("#energy", "input", () => { this.label(); this.change({ controls: this.controls }); });
     on("#style", "change", () => { this.label(); this.change({ style: this.style }); });

@@ -1,6 +1,7 @@
 /** The controls of style, take, energy and look-ahead. */
 
 import type { Description } from "../src/description.js";
+import { LOOK_AHEAD } from "../src/synthesis/options.js";
 import { chooseStyle, type StyleOptions } from "../src/synthesis/style.js";
 import { find, show } from "./elements.js";
 
@@ -29,6 +30,7 @@ export class Settings {
       this.label();
       onenergy();
     });
+    find<HTMLInputElement>("#ahead").value = String(LOOK_AHEAD);
     find("#ahead").addEventListener("input", () => this.label());
     find("#settings").addEventListener("submit", (event) => event.preventDefault());
   }

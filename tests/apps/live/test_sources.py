@@ -243,10 +243,23 @@ def test_a_websocket_takes_binary_messages_of_one_sender(listening):
     np.testing.assert_allclose(sound[:16000], tone(16000), atol=1e-4)
 
 
-def test_a_websocket_refuses_text(listening):
+@pytest.mark.parametrize("text", ["text", "[]", '{"muted": 1}', '{"muted": true, "energy": 2}', "[" * 100_000])
+def test_a_websocket_refuses_other_text(listening, text):
     with connect_when_ready(listening[0]) as sender, pytest.raises(ConnectionClosed, match="binary"):
-        sender.send("text")
+        sender.send(text)
         sender.recv(timeout=5)
+
+
+def test_a_sender_rests_the_arms_from_a_moment_on(listening):
+    address, chunks = listening
+    with connect_when_ready(address) as sender:
+        for message in (pcm(tone(1600)), '{"muted":true}', pcm(tone(1600)), '{"muted": false}'):
+            sender.send(message)
+    deadline = time.monotonic() + 10
+    while not any(chunk.muted is False for chunk in chunks) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    told = [chunk for chunk in chunks if chunk.muted is not None or chunk.samples.any()]
+    assert [chunk.muted for chunk in told] == [None, True, None, False]
 
 
 def connect_when_ready(address):

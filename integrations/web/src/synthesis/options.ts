@@ -2,6 +2,9 @@
 
 import type { StyleOptions } from "./style.js";
 
+/** Frames of speech that a stream hears beyond each frame by default. */
+export const LOOK_AHEAD = 8;
+
 const STYLE: Names<StyleOptions> = { speaker: true, mixture: true, values: true, variation: true };
 
 /** All names of the options of each kind. */
@@ -55,7 +58,7 @@ export interface StreamChange extends StyleOptions {
 }
 
 export interface StreamOptions extends StreamChange {
-  /** Frames of speech that are heard beyond the last new frame, 3 by default. */
+  /** Frames of speech that are heard beyond the last new frame, 8 by default. */
   lookAhead?: number;
   /** Frames that are generated in one run, 1 by default. */
   hop?: number;

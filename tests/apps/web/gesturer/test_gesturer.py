@@ -133,7 +133,8 @@ def streamed(model, job):
     """The frames (T, bones, 3) and the latency of a job with Python's stream."""
     options = dict(job["options"])
     style, controls = Style(speaker=options.pop("speaker", None)), Controls(energy=options.pop("energy", 1.0))
-    stream = model.stream(look_ahead=options.pop("lookAhead", 3), style=style, controls=controls, **options)
+    ahead = {"look_ahead": options.pop("lookAhead")} if "lookAhead" in options else {}
+    stream = model.stream(style=style, controls=controls, **ahead, **options)
     samples, frames = read_audio(SPEECH), []
     for index, start in enumerate(range(0, len(samples), job["piece"])):
         change = job.get("changes", {}).get(index, {})
