@@ -127,7 +127,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--data", default="talk", metavar="talk[:DIR]", help="the Talk corpus, made on first use")
     parser.add_argument("--split", default="test", help="split to score (default: test)")
-    add_options(parser, "WORKDIR/talk-SIZE/latency.md")
+    add_options(parser, "WORKDIR/talk-SIZE/latency.md", "small")
     return parser
 
 

@@ -6,7 +6,8 @@
 
 TABLE is table1, table3, table4, table11, table12, figure3 or gesture_ablation. Each row and seed is a run of its own in
 WORKDIR, which all tables use; finished runs are not trained again, and the same command continues an interrupted one.
-table5 and table10 are statistics of the data, for which nothing is trained.
+table5 and table10 are statistics of the data, for which nothing is trained. Without --size models and training are the
+paper's, which take days on one GPU (docs/table1.md); `ha2g doctor --benchmark --table1` measures the hours on this machine.
 """
 
 import argparse
@@ -235,7 +236,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     add, names = parser.add_argument, (*TABLES, *CORPUS_TABLES)
     add("table", choices=names, metavar="TABLE", help=", ".join(names))
-    add_options(parser, "WORKDIR/DATA-SIZE/TABLE.md")
+    add_options(parser, "WORKDIR/DATA-SIZE/TABLE.md", "paper")
     add("--data", required=True, metavar="NAME[:DIR]", help=f"one of {', '.join(presets.DATA)}, and the folder")
     add("--keep", type=pathlib.Path, metavar="DIR", help="add each finished run to the table DIR/scores.jsonl")
     add("--legacy", action="store_true", help="add the scores by the rules of the public release")

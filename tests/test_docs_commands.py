@@ -59,7 +59,7 @@ PARSED_ONLY = {
     "web": "needs node, and npm with its registry; tests/apps/web runs it",
 }
 # Of the recipes and the demo the corpora are those of others, and the scores those of other pages.
-PARSED_PAGES = {"docs/recipes.md", "ha2g_jax/assets/demo/MODEL_CARD.md", "docs/results/README.md"}
+PARSED_PAGES = {"docs/recipes.md", "ha2g_jax/assets/demo/MODEL_CARD.md", "docs/results/README.md", "docs/table1.md"}
 # Pages whose commands need what the page tells the reader to write; test_extending.py runs them.
 OF_THE_READER = {"extending.md"}
 

@@ -132,10 +132,10 @@ def run_script(name: str, work: Callable[[Stop], bool]) -> int:
         return 128 + stopped.number
 
 
-def add_options(parser: argparse.ArgumentParser, page: str) -> None:
-    """Add the options that the scripts have in common to a parser; `page` is where they write the page by default."""
+def add_options(parser: argparse.ArgumentParser, page: str, size: str) -> None:
+    """Add the options that the scripts have in common to a parser, with the default page and size."""
     add = parser.add_argument
-    add("--size", default="small", choices=SIZES, help="size of the models (default: small)")
+    add("--size", default=size, choices=SIZES, help=f"size of the models (default: {size})")
     add("--seeds", default="3", help="number of seeds, or a list such as 0,5,7 (default: 3)")
     add("--out", type=pathlib.Path, help=f"file of the page (default: {page})")
     add("--workdir", type=pathlib.Path, default=WORKDIR, help=f"folder of all runs (default: {WORKDIR})")

@@ -8,7 +8,7 @@ from typing import Any
 from ha2g_jax.cli.parser import CONFIG, positive, refuse_others
 
 _SORTS = ("name", "step", "best", "state", "changed")
-_BENCHMARK = ("batch_size", "precision", "steps")
+_BENCHMARK = ("batch_size", "precision", "steps", "table1")
 
 
 def add_commands(commands: Any) -> None:
@@ -65,6 +65,13 @@ def add_commands(commands: Any) -> None:
         help="precisions to compare (default: float32 on a CPU, else all)",
     )
     speed.add_argument("--steps", type=positive, metavar="N", help="timed steps (default: 10)")
+    speed.add_argument(
+        "--table1",
+        nargs="*",
+        metavar="DATA[:SIZE]",
+        help="print the hours of all runs of Table 1 of the paper with three seeds, by steps that are measured here, "
+        "which takes minutes for each method (default: ted_expressive ted_gesture)",
+    )
     doctor.add_argument("--json", action="store_true", help="print JSON instead of text")
     doctor.set_defaults(run=_doctor)
 
@@ -120,6 +127,12 @@ def _benchmark(arguments: argparse.Namespace, config: Any) -> int:
     from ha2g_jax.errors import UserError
     from ha2g_jax.evaluation import benchmark
 
+    if arguments.table1 is not None:
+        from ha2g_jax.evaluation import hours
+
+        refuse_others(arguments, ("table1", "steps"), ("config", "checkpoint", *_BENCHMARK), "--table1")
+        rows = hours.table1(arguments.table1 or ["ted_expressive", "ted_gesture"], arguments.steps or 5, seeds=3)
+        return _print(rows, hours.as_table, arguments.json)
     checkpoints = arguments.checkpoint or ["demo"]
     if len(checkpoints) > 1:
         raise UserError(f"--benchmark measures one model that generates, not {len(checkpoints)}; give one --checkpoint")

@@ -45,9 +45,10 @@ def measure(config: Config, checkpoint: str, precisions: Sequence[str] | None, s
 
     Returns:
         {"config", "machine": a text for each check of the machine, "training": for each precision the batch size,
-        number of devices, seconds to compile and of a step (median), windows per second, floating-point operations of a
-        step, peak (operations per second of a large matrix product, times the devices) and the share of it that a step
-        has, "generation": seconds of speech, median seconds of a call and speed, the ratio of both}.
+        number of devices, seconds to compile and of a step (median), hours of all steps of a run, windows per second,
+        floating-point operations of a step, peak (operations per second of a large matrix product, times the devices)
+        and the share of it that a step has, "generation": seconds of speech, median seconds of a call and speed, the
+        ratio of both}.
 
     Raises:
         UserError: a setting or the model cannot be used, or a step fails, for example for lack of memory.
@@ -88,6 +89,7 @@ def _measure_step(config: Config, precision: str, steps: int) -> dict[str, Any]:
         "num_devices": step.num_devices,
         "compile_seconds": step.compile_seconds,
         "step_seconds": seconds,
+        "run_hours": config.train.steps * seconds / 3600,
         "windows_per_second": step.batch_size / seconds,
         "operations": step.operations,
         "peak": peak,
@@ -125,7 +127,7 @@ def as_tables(result: dict[str, Any]) -> str:
     """Format what `measure` returns as Markdown."""
     machine = [f"- {name}: {found}" for name, found in result["machine"].items()]
     head = ("precision", "devices", "batch", "compile s", "step s", "windows/s", "GFLOP a step", "TFLOP/s")
-    training: list[Sequence[str]] = [(*head, "share of peak")]
+    training: list[Sequence[str]] = [(*head, "share of peak", "hours of a run")]
     for row in result["training"]:
         numbers = (
             f"{row['compile_seconds']:.1f}",
@@ -133,9 +135,11 @@ def as_tables(result: dict[str, Any]) -> str:
         )
         speed = f"{row['operations'] / row['step_seconds'] / 1e12:.3g} of {row['peak'] / 1e12:.3g}"
         counts = (row["precision"], str(row["num_devices"]), str(row["batch_size"]))
-        training.append((*counts, *numbers, f"{row['operations'] / 1e9:.4g}", speed, f"{row['share']:.0%}"))
+        share, hours = f"{row['share']:.0%}", f"{row['run_hours']:.3g}"
+        training.append((*counts, *numbers, f"{row['operations'] / 1e9:.4g}", speed, share, hours))
     row = result["generation"]
     generation = [("speech s", "seconds", "times as fast as speech")]
     generation.append((str(row["speech_seconds"]), f"{row['seconds']:.3g}", f"{row['speed']:.4g}"))
     tables = [f"Training, {result['config']}:", "", markdown(training), "", "Generation:", "", markdown(generation)]
+    tables += ["", "The hours of all runs of Table 1 of the paper on this machine: ha2g doctor --benchmark --table1"]
     return "\n".join([*machine, "", *tables])

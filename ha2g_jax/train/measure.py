@@ -82,6 +82,22 @@ class TimedStep:
         self.operations = count_operations(traced.jaxpr.jaxpr)
         self.memory = _memory(self._step)
 
+    def initialise(self) -> float:
+        """Initialise the networks as a run does, and return the seconds."""
+        started = time.perf_counter()
+        state = jax.block_until_ready(init_state(self.objective, self._key))
+        self._state = sharding.replicate(self._mesh, state)
+        return time.perf_counter() - started
+
+    def validate(self) -> tuple[float, float]:
+        """Return the seconds to compile the validation of a batch, and of another one; call `run` before."""
+        step, seconds = sharding.compile_validation_step(self.objective, self._mesh), []
+        for _ in range(2):
+            started = time.perf_counter()
+            jax.block_until_ready(step(self._state, self.batch, self._key))
+            seconds.append(time.perf_counter() - started)
+        return max(seconds[0] - seconds[1], 0.0), seconds[1]
+
     def run(self) -> float:
         """Run one step and return its seconds; the first call also creates the state, which is not timed."""
         if self._state is None:

@@ -1,12 +1,16 @@
 """`ha2g doctor --benchmark` measures a step in several precisions and generation, in Markdown or JSON."""
 
 import json
+import types
 from typing import Any
 
 import jax
+import pytest
 
-from ha2g_jax import cli
-from ha2g_jax.evaluation import benchmark
+from ha2g_jax import cli, launch
+from ha2g_jax.data.corpus import Corpus
+from ha2g_jax.evaluation import benchmark, hours
+from ha2g_jax.methods import build
 
 SETTINGS: Any = jax.config
 
@@ -46,3 +50,40 @@ def test_a_precision_changes_the_types_of_the_step(monkeypatch):
     monkeypatch.setattr(benchmark, "_measure_generation", lambda _: {"speech_seconds": 2, "seconds": 1.0, "speed": 2.0})
     assert cli.main([*COMMAND, "--precision", *benchmark.PRECISIONS]) == 0
     assert found == [("float32", "float32"), ("float32", "tensorfloat32"), ("bfloat16", "tensorfloat32")]
+
+
+def test_a_run_is_its_steps_and_the_batches_of_its_validations(tiny_talk, monkeypatch):
+    class Step:
+        compile_seconds = 7.0
+
+        def __init__(self, config, corpus):
+            spec = build(config, corpus.skeleton, len(corpus.vocabulary()), len(corpus.speakers_of("train")))
+            self.objective = types.SimpleNamespace(spec=spec)
+
+        def initialise(self):
+            return 5.0
+
+        def run(self):
+            return 0.5
+
+        def validate(self):
+            return 3.0, 0.25
+
+    monkeypatch.setattr(hours, "TimedStep", Step)
+    overrides = [f"--config.data.path={tiny_talk}", "--config.train.steps=201", "--config.train.validate_every=50"]
+    config = launch.load_config("seq2seq:talk:debug", overrides)
+    windows = sum(len(clip.window_starts) for clip in Corpus.open(tiny_talk).clips("val"))
+    parts, seconds = hours.predict(config, steps=3)
+    assert seconds == 0.5 and parts == (5, 7 + 3, 201 * 0.5, 5 * (windows // 4) * 0.25)
+    assert parts.total == sum(parts)
+
+
+def test_the_hours_of_table_1_are_steps_times_the_measured_step(monkeypatch, capsys):
+    time = hours.RunTime(initialising=36, compiling=72, training=3600, validating=360)
+    monkeypatch.setattr(hours, "predict", lambda config, steps: (time, time.training / config.train.steps))
+    assert cli.main(["benchmark", "--table1", "ted_gesture:debug"]) == 0
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in capsys.readouterr().out.splitlines()[2:]]
+    assert [row[1] for row in rows] == [*hours.METHODS, "Table 1"]
+    ha2g, total = rows[0], rows[-1]
+    assert ha2g[2:] == ["3", "1.8e+03", "0.01", "0.02", "1", "0.1", "0.884", "6.04"]
+    assert float(total[-1]) == pytest.approx(5 * 6.04 + 1.13, abs=0.1) and total[2] == "16"
