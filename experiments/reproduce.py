@@ -7,7 +7,7 @@
 TABLE is table1, table3, table4, table11, table12, figure3 or gesture_ablation. Each row and seed is a run of its own in
 WORKDIR, which all tables use; finished runs are not trained again, and the same command continues an interrupted one.
 table5 and table10 are statistics of the data, for which nothing is trained. Without --size models and training are the
-paper's, which take days on one GPU (docs/table1.md); `ha2g doctor --benchmark --table1` measures the hours on this machine.
+paper's, which take days on one GPU; `ha2g doctor --benchmark --table1` measures the hours on this machine.
 """
 
 import argparse
