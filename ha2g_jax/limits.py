@@ -116,13 +116,13 @@ MAX_MOTION_JOINTS = 1_000
 """Joints of a file of motion from another system."""
 
 MAX_MOTION_BYTES = 1 << 30
-"""Bytes of the unpacked arrays of a file of motion."""
+"""Bytes of the unpacked arrays of a file of motion, and of a glTF file."""
 
 MAX_MOTION_META_BYTES = 1 << 20
 """Bytes of the JSON text `meta` of a file of motion."""
 
 MAX_MOTION_JSON_BYTES = 1 << 25
-"""Bytes of a file of motion in JSON."""
+"""Bytes of a file of motion in JSON, and of the JSON text of a glTF file."""
 
 MAX_SOUND_SECONDS = 3900.0
 """Seconds of a recording: an hour and five minutes."""
@@ -200,7 +200,7 @@ MAX_BVH_LINES = 100_000
 """Lines before the numbers of a BVH file."""
 
 MAX_BVH_JOINTS = 1_000
-"""Joints of a BVH file."""
+"""Joints of a BVH or glTF file."""
 
 MAX_JOINT_NAME = 200
 """Letters in the name of a joint."""
@@ -212,7 +212,7 @@ MAX_BVH_FRAMES = 2_000_000
 """Frames of a BVH file; two hours at 240 frames per second have 1,728,000."""
 
 MAX_BVH_VALUES = 30_000_000
-"""Numbers of the motion of a BVH file, frames times channels."""
+"""Numbers of the motion of a BVH or glTF file or of a table, frames times channels."""
 
 MAX_SMPLX_FRAMES = 400_000
 """Frames of an SMPL-X file, more than an hour at 100 frames per second."""

@@ -143,8 +143,11 @@ def read_directions(path: pathlib.Path, skeleton: str, **reading: Unpack[Reading
     Raises:
         UserError: the file cannot be read or is motion of another skeleton.
     """
-    motion = read_motion(path, skeleton=skeleton, **reading)  # at its own rate, so that every format is resampled alike
-    borders, fps = borders_of(motion, path), motion.fps
+    motion = read_motion(path, skeleton=skeleton, fps=FPS, **reading)
+    fps = motion.meta.get("read_from", {}).get("fps", motion.fps) if motion.fps == FPS else motion.fps
+    if motion.fps == FPS and fps % FPS:  # not frames of the file: all formats are resampled alike, below
+        motion = read_motion(path, skeleton=skeleton, **reading)
+    borders = borders_of(motion, path)
     if motion.fps == FPS:
         return FileMotion(np.asarray(motion.directions, np.float32), fps, borders)
     places = tuple(sorted({round(border * FPS / motion.fps) for border in borders}))
