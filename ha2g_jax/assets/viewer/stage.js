@@ -118,8 +118,12 @@ class Stage {
   layOut() {
     const { clientWidth: width, clientHeight: height } = this.holder;
     if (!width || !height) return;
-    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio || 1, [2, 1, 0.6][this.slowness]));
-    this.renderer.setSize(width, height, false);
+    const ratio = Math.min(window.devicePixelRatio || 1, [2, 1, 0.6][this.slowness]), pixels = `${width} ${height} ${ratio}`;
+    if (pixels !== this.drawnSize) {
+      this.renderer.setPixelRatio(ratio);
+      this.renderer.setSize(width, height, false);
+    }
+    this.drawnSize = pixels;
     const { isOverlaid } = this, count = isOverlaid ? 1 : this.bodies.length;
     const [left, top, right, bottom] = [0, 1, 2, 3].map((k) => Math[k < 2 ? "min" : "max"](...this.views.map((view) => view[k])));
     const wide = isOverlaid ? right - left : Math.max(...this.views.map(([left, , right]) => right - left));
