@@ -70,7 +70,7 @@ def test_takes_are_those_of_their_seeds_with_a_page_to_choose_from(debug_folder,
         (["--takes", "13"], "13 takes; expected 1 to 12"),
         (
             ["--camera", "close", "--format", "bvh"],
-            "--camera does not apply to .bvh; leave it out",
+            "--camera does not apply to .bvh; leave it out, or write .mp4 or .html",
         ),
     ],
 )
