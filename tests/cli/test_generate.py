@@ -76,7 +76,7 @@ def test_takes_are_those_of_their_seeds_with_a_page_to_choose_from(debug_folder,
 )
 def test_takes_and_cameras_that_are_none_are_refused(speech, capsys, options, message):
     assert generate(speech, *options) == 2
-    assert capsys.readouterr().err.splitlines() == [f"ha2g: {message}"]
+    assert capsys.readouterr().err.startswith(f"ha2g: {message}")
     assert list(speech.parent.iterdir()) == [speech]
 
 

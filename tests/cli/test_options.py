@@ -78,7 +78,7 @@ REFUSED = {
 ALWAYS = {
     "generate": "--out --takes --format --checkpoint --backend --seed --fps --speaker --style --reference-image "
     "--style-seed --energy --extent --handedness --mirror --seed-pose --pin --mute --smooth",
-    "live": "--source --sink --checkpoint --look-ahead --hop --seed --json --speaker --style --reference-image "
+    "live": "--source --sink --checkpoint --look-ahead --hop --seed --json --muted --speaker --style --reference-image "
     "--style-seed --energy --extent --handedness --mirror --variation",
     "export": "--out --format",
     "runs": "--out",
