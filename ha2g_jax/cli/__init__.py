@@ -2,6 +2,7 @@
 
 import argparse
 import io
+import logging
 import os
 import signal
 import sys
@@ -78,6 +79,7 @@ def current_names(argv: Sequence[str]) -> list[str]:
 
 def _run(argv: list[str], *, is_process: bool) -> int:
     _print_any_path()
+    logging.getLogger("jax._src.xla_bridge").addFilter(_shorten)
     try:
         if is_process and (argv[:1] == ["train"] or argv[:1] == ["doctor"]):  # these run training steps
             from ha2g_jax.launch import prepare_process
@@ -133,6 +135,16 @@ def _trouble_of_jax() -> str:
             return f"JAX has no platform {shown(platforms)} on this machine: unset JAX_PLATFORMS, or {install}"
         return f"JAX does not start ({reason(error)}): install its packages in one version, pip install -U jax jaxlib"
     return ""
+
+
+def _shorten(record: logging.LogRecord) -> bool:
+    """Let JAX say in one line why a plugin does not start, and what to install."""
+    if record.exc_info and (error := record.exc_info[1]):
+        text = record.getMessage()
+        extra = next((name for name in ("cuda12", "cuda13") if name in f"{text} {error}"), "cuda13")
+        advice = f"install JAX and its plugin in one version, such as pip install -U 'jax[{extra}]'"
+        record.msg, record.args, record.exc_info = f"{text} ({reason(error)}): {advice}", (), None
+    return True
 
 
 def _print_any_path() -> None:

@@ -144,9 +144,15 @@ def test_the_help_lists_every_command_once():
     assert re.findall(r"^  (\w+) ", cli.make_parser().format_help(), re.MULTILINE) == names
 
 
-def test_a_platform_that_jax_lacks_is_one_line(tmp_path):
-    command = [sys.executable, "-m", "ha2g_jax.cli", "generate", str(HELLO), "--out", str(tmp_path / "x.npz")]
-    environment = os.environ | {"JAX_PLATFORMS": "nowhere"}
+@pytest.mark.parametrize(("platforms", "code"), [("cuda", 2), ("", 0)])
+def test_a_platform_or_a_plugin_that_does_not_start_is_one_line(tmp_path, platforms, code):
+    plugin = tmp_path / "jax_plugins" / "xla_cuda12" / "__init__.py"
+    plugin.parent.mkdir(parents=True)
+    plugin.write_text("def initialize():\n    raise RuntimeError('jax_cuda12_plugin is of version 0.4.30')\n")
+    command = [sys.executable, "-m", "ha2g_jax.cli", "doctor", "--describe"]
+    environment = os.environ | {"JAX_PLATFORMS": platforms, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
-    assert (done.returncode, "Traceback" in done.stderr) == (2, False)
-    assert "ha2g: JAX has no platform nowhere on this machine: unset JAX_PLATFORMS" in done.stderr
+    assert (done.returncode, "Traceback" in done.stderr) == (code, False), done.stderr
+    assert ("JAX has no platform" in done.stderr) == (code == 2)
+    assert "(jax_cuda12_plugin is of version 0.4.30): install JAX and its plugin in one version" in done.stderr
+    assert "pip install -U 'jax[cuda12]'" in done.stderr
