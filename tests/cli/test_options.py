@@ -36,9 +36,10 @@ REFUSED = {
     },
     "runs": {"runs w": "--smooth", "runs w -o x.html": "--sort --json"},
     "doctor": {
-        "doctor": "--checkpoint --batch-size --precision --steps",
-        "doctor --describe": "--checkpoint --batch-size --precision --steps",
-        "doctor --gradients": "--batch-size --precision --steps",
+        "doctor": "--checkpoint --batch-size --precision --steps --table1",
+        "doctor --describe": "--checkpoint --batch-size --precision --steps --table1",
+        "doctor --gradients": "--batch-size --precision --steps --table1",
+        "doctor --benchmark --table1 ted_gesture": "--config --checkpoint --batch-size --precision",
     },
     "evaluate": {
         "evaluate --checkpoint demo --data c": "--skeleton --joint-map --source-fps --unit --protocol --body-model",
@@ -98,6 +99,7 @@ VALUES = {
     "--joint-map": "mixamo", "--words": "a.wav", "--rate": "8000", "--kind": "bvh", "--style": "ann:1", "--rig": "vrm",
     "--pin": "1:2:rest", "--mute": "1:2", "--up": "y", "--protocol": "beat2", "--skeleton": "ted_gesture",
     "--precision": "float32", "--runner": "ray", "--sort": "name", "--set": "fps=15", "--camera": "close",
+    "--table1": "ted_gesture", "--config": "talk:small",
 }  # fmt: skip
 
 
