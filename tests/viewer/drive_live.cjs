@@ -94,8 +94,9 @@ async function watch(browser, seen) {
   seen.watched = await page.evaluate(() => new Promise((resolve) => {
     const draw = live.stage.draw.bind(live.stage), watched = [];
     live.stage.draw = (number) => {
+      const wasEasing = live.motion.isEasing; // a drawing may take longer than the ease
       draw(number, true);
-      if (live.motion.isEasing) return;
+      if (wasEasing) return;
       const joints = Object.fromEntries(live.motion.joints.map((name) => [name, live.stage.bodies[0].joint(name).toArray()]));
       watched.push({ shown: live.motion.shown, joints });
       if (watched.length === 10) resolve(watched);
