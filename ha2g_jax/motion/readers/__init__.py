@@ -205,6 +205,8 @@ def _read_json(path: pathlib.Path) -> Mapping[str, Any]:
             f"{shown(path)} holds no motion but a {type(content).__name__}; expected positions (T, J, 3), fps and "
             "joint_names (J,)"
         )
+    if "asset" in content:
+        raise UserError(f"{shown(path)} is glTF in several files; export it as .glb, which is one")
     return {name: content[name] for name in (*array_files.ARRAYS, *trees.TABLE) if name in content}
 
 

@@ -1,5 +1,6 @@
 """Animations of glTF as other programs write them are those of our own files, or are refused in one line."""
 
+import json
 import struct
 
 import numpy as np
@@ -176,6 +177,12 @@ def test_what_is_no_motion_is_refused_in_one_line(case, own, tmp_path):
     with pytest.raises(UserError, match=message) as caught:
         read_motion(tmp_path / "x.glb")
     assert "\n" not in str(caught.value)
+
+
+def test_gltf_in_several_files_is_refused(own, tmp_path):
+    (tmp_path / "x.gltf").write_text(json.dumps(File(own).tree))
+    with pytest.raises(UserError, match=r"x\.gltf is glTF in several files; export it as \.glb"):
+        read_motion(tmp_path / "x.gltf")
 
 
 @pytest.mark.parametrize("content", [b"glTF", b"glTF" + struct.pack("<2I", 1, 20) + bytes(60), b"no glTF" * 9])
