@@ -13,6 +13,7 @@ from motion.readers import bvh_files
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
 from ha2g_jax.importers.mocap import ImportOptions, import_bvh, with_constant_lengths
+from ha2g_jax.motion import formats, readers
 from ha2g_jax.motion.readers.bvh_motion import read_motion
 from ha2g_jax.motion.readers.recordings import other_rate
 from ha2g_jax.skeleton import bone_lengths, load_skeleton, positions_to_directions
@@ -105,6 +106,20 @@ def test_a_folder_of_speakers(recording, tmp_path, monkeypatch):
     ]
     import_bvh(tmp_path / "in" / "ben" / "b.bvh", tmp_path / "alone", ImportOptions(speaker="ben"))
     assert corpus.clips("val").record(2) == Corpus.open(tmp_path / "alone").clips("train").record(0)
+
+
+def test_gltf_is_imported_and_one_take_in_two_formats_once(recording, tmp_path):
+    path = recording(tmp_path / "in", "talk")
+    formats.export(readers.read_motion(path), path.with_suffix(".glb"), rig="mixamo")
+    (tmp_path / "in" / "scores.csv").write_text("name,score\na,1\n")
+    assert import_bvh(tmp_path / "in", tmp_path / "both")["train"].videos == 1
+    path.unlink()
+    import_bvh(tmp_path / "in", tmp_path / "gltf")
+    both, gltf = (Corpus.open(tmp_path / name).clips("train")[0] for name in ("both", "gltf"))
+    assert (gltf.recording, gltf.audio.shape, len(gltf.words)) == ("talk", both.audio.shape, 12)
+    hand = EXPRESSIVE.bone("left_wrist")
+    ours, theirs = (positions_to_directions(EXPRESSIVE, clip.positions)[:, hand] for clip in (gltf, both))
+    assert np.degrees(np.arccos(np.clip((ours * theirs).sum(axis=-1), -1, 1))).max() < 5
 
 
 def test_sound_and_words_of_ones_own(recording, tmp_path):
