@@ -79,7 +79,7 @@ class _File:
         for index, node in enumerate(joints, start=1):
             move, rest[index], scale = _transform(self.nodes[node])
             if (node, "scale") in tracks:
-                scale = tracks[node, "scale"][1].reshape(-1, 3)
+                scale = _values(tracks[node, "scale"][1])
             least, most = scale.min(), scale.max()
             if index in above and not 0 < most - _UNEQUAL * abs(most) <= least:
                 raise ValueError(f"the scale of {self._name(node)} is not the same in all directions and at all times")
@@ -117,19 +117,19 @@ class _File:
 
     def _tracks(self, joints: set[int]) -> dict[tuple[int, str], tuple[np.ndarray, np.ndarray, str]]:
         """Return key times, values and interpolation by node and path of the only animation that rotates joints."""
-        found = {}
+        found = []
         for number, animation in enumerate(self.tree.get("animations", ())):
             tracks = {key: track for key, track in self._channels(animation) if key[0] in joints}
             if any(path == "rotation" for _, path in tracks):
-                found[str(animation.get("name") or number)] = tracks
-        moving = {name: each for name, each in found.items() if any(len(times) > 1 for times, _, _ in each.values())}
+                found.append((str(animation.get("name") or number), tracks))
+        moving = [(name, each) for name, each in found if any(len(times) > 1 for times, _, _ in each.values())]
         chosen = moving or found
         if not chosen:
             raise UserError(f"{shown(self.path)} has no animation of joints; export it with its animation")
         if len(chosen) > 1:
-            names = shown(", ".join(chosen))
+            names = shown(", ".join(name for name, _ in chosen))
             raise UserError(f"{shown(self.path)} has {len(chosen)} animations ({names}); export the one that you want")
-        return next(iter(chosen.values()))
+        return chosen[0][1]
 
     def _channels(
         self, animation: dict[str, Any]
@@ -189,9 +189,14 @@ def _transform(node: dict[str, Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray
     return matrix[:3, 3], rotations.from_matrix(matrix[:3, :3] / np.maximum(scale, 1e-12)), scale
 
 
+def _values(keys: np.ndarray) -> np.ndarray:
+    """Return the values (n, width) of keys without the tangents that CUBICSPLINE has around them."""
+    return keys[:, keys.shape[1] // 2]
+
+
 def _sample(times: np.ndarray, keys: np.ndarray, kind: str, moments: np.ndarray) -> np.ndarray:
     """Return the values (T, width) of a track at moments in seconds; the first and the last key are held."""
-    values = keys[:, keys.shape[1] // 2]
+    values = _values(keys)
     before = np.maximum(np.searchsorted(times, moments + _LATE, side="right") - 1, 0)
     after = np.minimum(before + 1, len(times) - 1)
     span = (times[after] - times[before])[:, None]

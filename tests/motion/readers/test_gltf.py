@@ -63,6 +63,16 @@ def late(file: File) -> None:
     file.change("LINEAR", more)
 
 
+def with_scales(file: File) -> None:
+    """Tracks of a size that stays 1, as curves with tangents."""
+    times = file.array(file.clip["samplers"][0]["input"])[[0, -1]]
+    keys = np.tile(np.array([[0, 0, 0], [1, 1, 1], [0, 0, 0]], "<f4"), (2, 1))
+    sampler = {"input": file.add(times), "output": file.add(keys), "interpolation": "CUBICSPLINE"}
+    file.clip["samplers"].append(sampler)
+    target = {"node": file.clip["channels"][1]["target"]["node"], "path": "scale"}
+    file.clip["channels"].append({"sampler": len(file.clip["samplers"]) - 1, "target": target})
+
+
 def matrices(file: File) -> None:
     animated = {channel["target"]["node"] for channel in file.clip["channels"]}
     for index, node in enumerate(file.tree["nodes"]):
@@ -107,6 +117,7 @@ VARIANTS = {
     "splines": lambda file: file.change("CUBICSPLINE", spline),
     "shorts": lambda file: file.change("LINEAR", lambda t, v: (t, np.round(v * 32767).astype("<i2"), 5122)),
     "matrices": matrices,
+    "scales": with_scales,
     "scaled": scaled,
     "other animations": beside,
     "names of VRM": named,
@@ -156,8 +167,8 @@ def compressed(file: File) -> None:
 REFUSED = {
     "no animation": (lambda file: file.tree.pop("animations"), r"x\.glb has no animation of joints; export it with"),
     "two animations": (
-        lambda file: file.tree["animations"].append(file.clip | {"name": "walk"}),
-        r"x\.glb has 2 animations \(motion, walk\); export the one that you want",
+        lambda file: file.tree["animations"].extend([file.clip, file.clip | {"name": "walk"}]),
+        r"x\.glb has 3 animations \(motion, motion, walk\); export the one that you want",
     ),
     "two people": (lambda file: file.tree["nodes"][5].update(name="hips"), "two joints named hips; keep one person"),
     "no times": (lambda file: file.change("LINEAR", lambda t, v: (t * 0, v)), "key times that do not increase"),
