@@ -19,11 +19,11 @@ from ha2g_jax.stopping import ending_on_sigterm
 
 # Commands by what they are for, in the order of the help.
 GROUPS = {
-    "make motion": ("generate", "live", "export", "speakers"),
-    "serve it": ("serve", "web"),
-    "train": ("train", "runs", "doctor"),
+    "make": ("generate", "export", "speakers"),
+    "live": ("live", "serve"),
+    "train": ("data", "train", "runs", "doctor"),
     "measure": ("evaluate", "study", "genea"),
-    "models and data": ("model", "data"),
+    "publish": ("model", "web"),
 }
 
 # Earlier names of commands, which still work but are not in the help.

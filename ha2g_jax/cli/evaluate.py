@@ -10,14 +10,15 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.skeleton import SKELETONS
 
 _DESCRIPTION = """\
-Score the motion of one of three inputs, with intervals, beside rows that show what each score is worth:
+Score the motion of one of four inputs, with intervals, beside rows that show what each score is worth:
 
   --checkpoint MODEL --data CORPUS     motion that a model makes for the test speech of a corpus
   --checkpoint MODEL --speech FILE     motion that a model makes for one recording
+  --motion FILE --speech FILE          motion of any system, for one recording
   --motion DIR ... --reference DIR     motion made by any systems, against true motion
 
 One of these must be named: --checkpoint alone is scored on the Talk corpus, --data alone with the demo model. On Talk
-this takes minutes; the first time, the corpus is made as well, which takes further minutes. All three give results of
+this takes minutes; the first time, the corpus is made as well, which takes further minutes. All four give results of
 one shape: text, --markdown or --json. On Talk, whose causes are known, the scores against strokes, words and styles are
 a further part of each section. An option that does not apply is an error."""
 
@@ -25,12 +26,13 @@ a further part of each section. An option that does not apply is an error."""
 _OPTIONS = {
     "--checkpoint with --data": ("checkpoint", "data", "split", "look_ahead", "autoencoder", "legacy"),
     "--checkpoint with --speech": ("checkpoint", "speech"),
+    "--motion with --speech": ("motion", "speech", "skeleton", *READING),
     "--motion with --reference": (
         *("motion", "reference", "skeleton", *READING),
         *("protocol", "body_model", "autoencoder", "legacy"),
     ),
 }
-_CORPUS, _SPEECH, _FOLDERS = _OPTIONS
+_CORPUS, _SPEECH, _FILE, _FOLDERS = _OPTIONS
 
 
 def add_commands(commands: Any) -> None:
@@ -65,7 +67,7 @@ def add_commands(commands: Any) -> None:
         nargs="+",
         action="extend",
         metavar="DIR",
-        help="motion made by any system; several folders are rows of one table",
+        help="motion made by any system; several folders are rows of one table; with --speech, one file",
     )
     folders.add_argument(
         "--reference", type=pathlib.Path, metavar="DIR", help="true motion of the same names, with sound"
@@ -103,13 +105,19 @@ def run(arguments: argparse.Namespace) -> None:
     refuse_others(arguments, _OPTIONS[kind], tuple(every), kind)
     if kind == _CORPUS and arguments.checkpoint is None and arguments.data is None:
         raise UserError(
-            "nothing to score; give --checkpoint MODEL --data CORPUS, --checkpoint MODEL --speech FILE or --motion DIR "
-            "--reference DIR, such as --checkpoint demo --data talk (see ha2g evaluate --help)"
+            "nothing to score; give --checkpoint MODEL --data CORPUS, --checkpoint MODEL --speech FILE, --motion FILE "
+            "--speech FILE or --motion DIR --reference DIR, such as --checkpoint demo --data talk (see ha2g evaluate "
+            "--help)"
         )
     from ha2g_jax.evaluation import scoring
     from ha2g_jax.evaluation.table import as_markdown, as_table
 
-    if kind == _SPEECH:
+    if kind == _FILE:
+        if len(arguments.motion) > 1 or arguments.motion[0].is_dir():
+            raise UserError("--speech is one recording; give one file with --motion, or folders with --reference")
+        options = reading(arguments) | {"motion": arguments.motion[0], "skeleton": arguments.skeleton}
+        results = scoring.evaluate_recording("", arguments.speech, seed=arguments.seed, **options)
+    elif kind == _SPEECH:
         results = scoring.evaluate_recording(arguments.checkpoint or "demo", arguments.speech, seed=arguments.seed)
     else:
         options = {"autoencoder": arguments.autoencoder, "legacy": bool(arguments.legacy), "seed": arguments.seed}
@@ -130,6 +138,8 @@ def run(arguments: argparse.Namespace) -> None:
 def _input_of(arguments: argparse.Namespace) -> str:
     if arguments.motion is None and arguments.reference is None:
         return _CORPUS if arguments.speech is None else _SPEECH
+    if arguments.motion is not None and arguments.reference is None and arguments.speech is not None:
+        return _FILE
     if arguments.motion is None or arguments.reference is None:
-        raise UserError("--motion and --reference go together; give both folders")
+        raise UserError("--motion and --reference go together; give both folders, or one file with --speech")
     return _FOLDERS

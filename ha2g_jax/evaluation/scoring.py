@@ -11,14 +11,15 @@ from ha2g_jax.data.talk import build
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.clip_result import from_corpus, split_limits, training_motion
 from ha2g_jax.evaluation.evaluate import LEVEL, evaluate, measure, score_as_json
-from ha2g_jax.evaluation.motion_folders import BEAT2, find_motions, from_folders, score_beat2
+from ha2g_jax.evaluation.motion_folders import BEAT2, FPS, find_motions, from_folders, read_directions, score_beat2
 from ha2g_jax.evaluation.table import PARTS
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.files.reading import resolved, shown
 from ha2g_jax.metrics.beats import strokes
 from ha2g_jax.metrics.row import SEED_FRAMES
-from ha2g_jax.motion.readers import Reading, check_reading
+from ha2g_jax.motion.readers import Reading, check_reading, read_motion
 from ha2g_jax.progress import stage
+from ha2g_jax.skeleton import load_skeleton
 
 MIN_SECONDS = 10.0  # of a recording
 TEST_SPLITS, OTHER_SPLIT = ("test", "test_unseen_speakers"), "val"
@@ -164,10 +165,20 @@ def _given(seed_frames: int) -> list[str]:
     ]
 
 
-def evaluate_recording(checkpoint: str | pathlib.Path, speech: str | os.PathLike, *, seed: int = 0) -> dict[str, Any]:
-    """Score the motion that a checkpoint, "demo", a workdir or a model folder, makes for a recording of speech.
+def evaluate_recording(
+    checkpoint: str | pathlib.Path,
+    speech: str | os.PathLike,
+    *,
+    motion: str | os.PathLike | None = None,
+    skeleton: str | None = None,
+    seed: int = 0,
+    **reading: Unpack[Reading],
+) -> dict[str, Any]:
+    """Score the motion of a file, or else that which a checkpoint makes in a random style, for a recording of speech.
 
-    The style is drawn with the seed.
+    Args:
+        checkpoint: "demo", a workdir or a model folder, if there is no `motion`.
+        motion: file of motion, read with `skeleton` and `reading` as in `evaluate_folders`.
 
     Returns:
         As `make_results`, with one section under the name of the file. It has no "rows", which need true motion: the
@@ -183,15 +194,21 @@ def evaluate_recording(checkpoint: str | pathlib.Path, speech: str | os.PathLike
         raise UserError(
             f"{shown(speech)} has {len(audio) / SAMPLE_RATE:.1f} s of sound; expected at least {MIN_SECONDS:g} s"
         )
-    with stage("loading the model"):
-        model = synthesis.load(checkpoint)
-    with stage("generating the motion"):
-        motion = model.generate(audio, style=synthesis.Style(variation=0), seed=seed)
-    first_frame, skeleton = model.spec.num_seed_frames, model.spec.skeleton
-    wrists = strokes.wrist_positions(skeleton, motion.directions)
-    row = strokes.recording_row(audio, wrists, motion.fps, first_frame)
+    if motion is None:
+        with stage("loading the model"):
+            model = synthesis.load(checkpoint)
+        with stage("generating the motion"):
+            directions = model.generate(audio, style=synthesis.Style(variation=0), seed=seed).directions
+        fps, first_frame, body = model.fps, model.spec.num_seed_frames, model.spec.skeleton
+        inputs = {"checkpoint": str(checkpoint), "model": model.assets.hash}
+    else:
+        body = load_skeleton(skeleton or read_motion(motion, **reading).meta["skeleton"])
+        directions = read_directions(pathlib.Path(motion), body.name, **reading).directions
+        fps, first_frame, inputs = FPS, 0, {"motion": shown(motion)}
+    wrists = strokes.wrist_positions(body, directions)
+    row, name = strokes.recording_row(audio, wrists, fps, first_frame), "model" if motion is None else "motion"
     section = {
-        "methods": ["model"],
+        "methods": [name],
         "rows": {},
         "differences": {},
         "counts": {},
@@ -200,8 +217,8 @@ def evaluate_recording(checkpoint: str | pathlib.Path, speech: str | os.PathLike
             "recordings": 1,
             "seconds": round(row.seconds, 2),
             "windows": None,
-            "skeleton": skeleton.name,
-            "fps": motion.fps,
+            "skeleton": body.name,
+            "fps": fps,
         },
         "settings": {"first_frame": first_frame, "seed": seed, "draws": 0, "level": LEVEL},
         "autoencoder": None,
@@ -209,15 +226,14 @@ def evaluate_recording(checkpoint: str | pathlib.Path, speech: str | os.PathLike
         "warnings": [],
         "notes": [],
         "recording": {
-            "rows": {"model": {key: score_as_json(score) for key, score in measure(row, "recording").items()}},
+            "rows": {name: {key: score_as_json(score) for key, score in measure(row, "recording").items()}},
             "notes": [
                 "the mismatched speech is the recording rotated in time; intervals are 1.96 standard errors by "
                 f"segments of {strokes.SEGMENT:g} s",
             ],
         },
     }
-    inputs = {"checkpoint": str(checkpoint), "model": model.assets.hash, "speech": shown(speech)}
-    return make_results(inputs, {shown(pathlib.Path(speech).name): section})
+    return make_results(inputs | {"speech": shown(speech)}, {shown(pathlib.Path(speech).name): section})
 
 
 def make_results(inputs: Mapping[str, str], sections: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:

@@ -95,6 +95,7 @@ def test_speakers_of_the_demo_are_those_of_talk(capsys):
     rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)}
     styles = default_styles()
     assert list(rows) == list(styles)[:40]
+    assert rows["speaker-00"]["in_words"] == "right-handed, large, mostly beats, arms wide, early"
     assert rows["speaker-00"]["hand"] == ("right" if styles["speaker-00"].handedness > 0 else "left")
     assert rows["speaker-03"]["amplitude"] == pytest.approx(styles["speaker-03"].amplitude, abs=0.006)
     assert cli.main(["speakers"]) == 0

@@ -88,6 +88,17 @@ def evaluated_once(monkeypatch):
         monkeypatch.setattr(scoring, name, once(getattr(scoring, name)))
 
 
+def test_one_file_of_motion_is_scored_against_its_recording(debug_model, tmp_path, capsys):
+    speech = "examples/hello.wav"
+    debug_model.generate(speech).save(tmp_path / "take.npz")
+    assert evaluate("--motion", tmp_path / "take.npz", "--speech", speech, "--json") == 0
+    section = json.loads(capsys.readouterr().out)["sections"]["hello.wav"]
+    scores = section["recording"]["rows"]["motion"]
+    assert section["methods"] == ["motion"] and 0 <= scores["recording_f"]["value"] <= 1
+    assert evaluate("--motion", tmp_path, "--speech", speech) == 2
+    assert "give one file with --motion" in capsys.readouterr().err
+
+
 @pytest.mark.usefixtures("evaluated_once")
 def test_every_input_has_results_of_one_shape_in_every_form(folders, checkpoint, tiny_talk, tmp_path, capsys):
     """On Talk the known causes are part of them, without an option that switches programmes."""
