@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from ha2g_jax.config import presets
 from ha2g_jax.config.settings import Config
-from ha2g_jax.data.corpus import corpus_folder
+from ha2g_jax.data.corpus import Corpus, corpus_folder
 from ha2g_jax.evaluation.charts import markdown
 from ha2g_jax.progress import stage
 from ha2g_jax.train import inputs
@@ -21,17 +21,13 @@ _SCORING = 300.0  # seconds on two cores of a Xeon to generate an hour of motion
 
 
 class RunTime(NamedTuple):
-    """Seconds of the parts of a run."""
+    """Seconds of the parts of a run; the first four are those of `ha2g train`, the last those of its evaluation."""
 
     initialising: float
     compiling: float
     training: float
     validating: float
-
-    @property
-    def total(self) -> float:
-        """Seconds of the run."""
-        return sum(self)
+    scoring: float
 
 
 def predict(config: Config, steps: int) -> tuple[RunTime, float]:
@@ -49,15 +45,23 @@ def predict(config: Config, steps: int) -> tuple[RunTime, float]:
     initialising = step.initialise()
     step.run()
     seconds = statistics.median(step.run() for _ in range(steps))
-    windows = _SEGMENTS[config.skeleton] // 10
+    windows, test = _SEGMENTS[config.skeleton] // 10, _HOURS[config.skeleton] / 10
     if corpus is not None:
         held_out = inputs.open_validation(config, step.objective.spec, corpus, corpus.vocabulary())
-        windows = 0 if held_out is None else len(held_out)
+        windows, test = 0 if held_out is None else len(held_out), _hours_of_test(corpus)
     size = min(config.train.batch_size, windows)
     compiling, batch = step.validate() if size else (0.0, 0.0)
     passes = -(-config.train.steps // config.train.validate_every)
     validating = passes * (windows // size if size else 0) * batch
-    return RunTime(initialising, step.compile_seconds + compiling, config.train.steps * seconds, validating), seconds
+    scoring = 0.0 if config.method == AUTOENCODER else test * _SCORING
+    training, compiling = config.train.steps * seconds, step.compile_seconds + compiling
+    return RunTime(initialising, compiling, training, validating, scoring), seconds
+
+
+def _hours_of_test(corpus: Corpus) -> float:
+    clips = [corpus.clips(split) for split in ("test", "test_unseen_speakers") if split in corpus.splits]
+    frames = sum(len(each.fields(index)["positions"]) for each in clips for index in range(len(each)))
+    return frames / corpus.fps / 3600
 
 
 def table1(specs: Sequence[str], steps: int, seeds: int) -> list[dict[str, Any]]:
@@ -74,9 +78,7 @@ def table1(specs: Sequence[str], steps: int, seeds: int) -> list[dict[str, Any]]
                 config = presets.parse(spec, method)
                 parts, seconds = predict(config, steps)
             hours = {name: value / 3600 for name, value in parts._asdict().items()}
-            is_scored = method != AUTOENCODER
-            hours["scoring"] = _HOURS[config.skeleton] / 10 * _SCORING / 3600 if is_scored else 0.0
-            runs = seeds if is_scored else 1
+            runs = 1 if method == AUTOENCODER else seeds
             row = {"data": spec, "method": method, "runs": runs, "step_seconds": seconds}
             rows.append(row | hours | {"hours": runs * sum(hours.values())})
     return rows
@@ -84,7 +86,7 @@ def table1(specs: Sequence[str], steps: int, seeds: int) -> list[dict[str, Any]]
 
 def as_table(rows: Sequence[dict[str, Any]]) -> str:
     """Format the result of `table1` as Markdown, with the sum of each kind of data."""
-    parts = ("initialising", "compiling", "training", "validating", "scoring")
+    parts = RunTime._fields
     lines: list[Sequence[str]] = [("data", "method", "runs", "step s", *(f"{name} h" for name in parts), "all runs h")]
     for data in dict.fromkeys(row["data"] for row in rows):
         mine = [row for row in rows if row["data"] == data]
