@@ -60,7 +60,7 @@ def pack_body(skeleton: Skeleton) -> dict[str, Any]:
         weights of 0 to 255 for each point, uint8; "faces", the three points of each, as differences, int16; "shirts",
         the colours of figures side by side; "view", the smallest that is shown.
     """
-    return _pack_body(skeleton.name, tuple(np.round(skeleton.lengths, 5).tolist()))
+    return _pack_body(skeleton.name, tuple(np.round(np.asarray(skeleton.lengths, float), 5).tolist()))
 
 
 @functools.lru_cache(maxsize=16)

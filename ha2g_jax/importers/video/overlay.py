@@ -152,7 +152,11 @@ def _sound(video: pathlib.Path) -> Iterator[av.AudioFrame]:
             for frame in itertools.chain(container.decode(stream), [None]):
                 if frame is not None:
                     frame.pts = None
-                yield from to_aac.resample(frame)
+                for block in to_aac.resample(frame):
+                    # PyAV gives frames that it need not convert as they are, and later ones of another form, too.
+                    if (block.format.name, block.layout.name, block.sample_rate) != ("fltp", layout, rate):
+                        raise ValueError("the form of the sound changes")
+                    yield block
     except MEDIA_ERRORS as error:
         raise UserError(
             f"{shown(video)} has audio that cannot be read ({reason(error).lower()}); expected a complete file"
