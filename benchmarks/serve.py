@@ -34,6 +34,7 @@ from websockets.exceptions import InvalidStatus
 from ha2g_jax.cli.parser import positive
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
+from ha2g_jax.limits import DEFAULT_HOP
 
 _SPEECH = pathlib.Path(__file__).parent.parent / "examples" / "hello.wav"
 _MESSAGE_SECONDS = 0.05
@@ -44,7 +45,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--checkpoint", default="demo", help="'demo' (default), a workdir or a model folder")
     parser.add_argument("--workers", type=positive, default=1, help="workers of the service, one a core (default: 1)")
-    parser.add_argument("--hop", type=positive, default=1, help="frames that are computed at once (default: 1)")
+    parser.add_argument("--hop", type=positive, default=DEFAULT_HOP, help="frames that are computed at once")
     parser.add_argument("--seconds", type=float, default=10, help="length of a stream (default: 10)")
     parser.add_argument("--most", type=positive, default=64, help="streams for each worker at most (default: 64)")
     parser.add_argument("--json", action="store_true")

@@ -9,7 +9,7 @@ from typing import Any
 
 from ha2g_jax.cli import generate
 from ha2g_jax.cli.parser import read_seed, refuse_others
-from ha2g_jax.limits import DEFAULT_LOOK_AHEAD
+from ha2g_jax.limits import DEFAULT_HOP, DEFAULT_LOOK_AHEAD
 from ha2g_jax.progress import stage
 
 
@@ -59,7 +59,13 @@ def add_commands(commands: Any) -> None:
         metavar="FRAMES",
         help=f"frames of sound after a frame that it may use (default: {DEFAULT_LOOK_AHEAD})",
     )
-    command.add_argument("--hop", type=int, default=1, metavar="FRAMES", help="frames computed at once (default: 1)")
+    command.add_argument(
+        "--hop",
+        type=int,
+        default=DEFAULT_HOP,
+        metavar="FRAMES",
+        help=f"frames computed at once (default: {DEFAULT_HOP})",
+    )
     command.add_argument("--seed", type=read_seed, default=0, help="seed of all random choices (default: 0)")
     command.add_argument("--rig", default="ha2g", help="joints of JSON, as of ha2g export (default: ha2g)")
     command.add_argument("--json", action="store_true", help="print the counts of the run as JSON at its end")

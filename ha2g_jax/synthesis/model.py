@@ -16,7 +16,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.text import Word
 from ha2g_jax.layers.resnet_se import Features
-from ha2g_jax.limits import DEFAULT_LOOK_AHEAD
+from ha2g_jax.limits import DEFAULT_HOP, DEFAULT_LOOK_AHEAD
 from ha2g_jax.methods import METHODS
 from ha2g_jax.methods.method import Spec, Variables
 from ha2g_jax.motion import control
@@ -71,7 +71,7 @@ class Model(Generator[Spec]):
         self,
         *,
         look_ahead: int = DEFAULT_LOOK_AHEAD,
-        hop: int = 1,
+        hop: int = DEFAULT_HOP,
         style: Style = RANDOM,
         seed: int = 0,
         controls: control.Controls = control.NEUTRAL,

@@ -26,7 +26,7 @@ from ha2g_jax.features.spectrum import (
     window_column,
     window_columns,
 )
-from ha2g_jax.limits import DEFAULT_LOOK_AHEAD
+from ha2g_jax.limits import DEFAULT_HOP, DEFAULT_LOOK_AHEAD
 from ha2g_jax.methods.method import Spec, Variables
 from ha2g_jax.motion.control.controls import NEUTRAL, Controls
 from ha2g_jax.motion.control.effects import EASE, Ramp, RunningControls, check_running
@@ -70,7 +70,7 @@ class Stream:
         assets: Assets,
         *,
         look_ahead: int = DEFAULT_LOOK_AHEAD,
-        hop: int = 1,
+        hop: int = DEFAULT_HOP,
         style: Style = RANDOM,
         seed: int = 0,
         controls: Controls = NEUTRAL,

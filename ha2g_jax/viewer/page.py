@@ -19,7 +19,7 @@ from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.text import Word
 from ha2g_jax.figure import CAMERAS
 from ha2g_jax.files.writing import whole_file
-from ha2g_jax.limits import DEFAULT_LOOK_AHEAD, MAX_MOTION_FRAMES
+from ha2g_jax.limits import DEFAULT_HOP, DEFAULT_LOOK_AHEAD, MAX_MOTION_FRAMES
 from ha2g_jax.motion.armature import export_axes
 from ha2g_jax.motion.control.parts import rest_pose
 from ha2g_jax.motion.motion import Motion
@@ -204,6 +204,7 @@ def live_page(
         "speakers": list(speakers[:_MAX_SPEAKERS]),
         "needsToken": needs_token,
         "lookAhead": DEFAULT_LOOK_AHEAD,
+        "hop": DEFAULT_HOP,
     }
     text, style, scripts = _build_document("live.html", "HA2G live", content, ("style.css", "live.css"), _LIVE_SCRIPTS)
     policy = {

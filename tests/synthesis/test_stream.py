@@ -197,7 +197,7 @@ def test_a_stream_rests_within_a_second_of_silence(demo, part):
         frames = streamed(demo, sound, style=Style(speaker=speaker), seed=seed, **options)
         speeds = movement_speeds(demo.assets.skeleton, frames)
         assert speeds[: FPS - 9].max() < 0.05 and speeds[39:45].max() < 0.05
-        assert speeds[FPS:24].max() > 0.1 and speeds[54:].max() > 0.1
+        assert speeds[FPS:24].max() > 0.05 and speeds[54:].max() > 0.05
         assert np.abs(np.diff(speeds[44:52])).max() < 1.5  # and goes on without a jump
 
 

@@ -18,7 +18,7 @@ from ha2g_jax.apps.live.sinks import Sinks
 from ha2g_jax.apps.live.sources import Source
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
-from ha2g_jax.limits import DEFAULT_LOOK_AHEAD, MAX_MOTION_SECONDS
+from ha2g_jax.limits import DEFAULT_HOP, DEFAULT_LOOK_AHEAD, MAX_MOTION_SECONDS
 from ha2g_jax.motion import control
 from ha2g_jax.progress import progress_bar, stage
 from ha2g_jax.stopping import on_stop_signals
@@ -37,7 +37,7 @@ def run(
     sinks: Sinks,
     *,
     look_ahead: int = DEFAULT_LOOK_AHEAD,
-    hop: int = 1,
+    hop: int = DEFAULT_HOP,
     style: Style = RANDOM,
     seed: int = 0,
     controls: control.Controls = control.NEUTRAL,

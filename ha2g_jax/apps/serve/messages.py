@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
-from ha2g_jax.limits import DEFAULT_LOOK_AHEAD, MAX_SEED
+from ha2g_jax.limits import DEFAULT_HOP, DEFAULT_LOOK_AHEAD, MAX_SEED
 from ha2g_jax.motion.control import Controls, read_mute
 from ha2g_jax.motion.formats import SUFFIXES, choose_rig
 from ha2g_jax.motion.rigs import OWN
@@ -103,7 +103,7 @@ class Begin(_Message):
     """First message of a stream."""
 
     look_ahead: int = DEFAULT_LOOK_AHEAD
-    hop: int = 1
+    hop: int = DEFAULT_HOP
     seed: int = 0
     style: StyleMessage = StyleMessage()
     controls: ControlsMessage = ControlsMessage()

@@ -49,8 +49,8 @@ class SpeakingPage extends LivePage {
   }
 
   label() {
-    const ahead = Number(find("#ahead").value), { fps } = this.content.figure;
-    find("[for=ahead]").textContent = `${ahead} · ${Math.round(1000 * Math.max(ahead + 1, 1.5) / fps)} ms`;
+    const ahead = Number(find("#ahead").value), { figure, hop } = this.content;
+    find("[for=ahead]").textContent = `${ahead} · ${Math.round(1000 * Math.max(ahead + hop, 1.5) / figure.fps)} ms`;
     find("[for=energy]").textContent = Number(find("#energy").value).toFixed(1);
     find("#seeds").hidden = find("#style").value !== "";
   }

@@ -1,7 +1,7 @@
 /** The controls of style, take, energy and look-ahead. */
 
 import type { Description } from "../src/description.js";
-import { LOOK_AHEAD } from "../src/synthesis/options.js";
+import { HOP, LOOK_AHEAD } from "../src/synthesis/options.js";
 import { chooseStyle, type StyleOptions } from "../src/synthesis/style.js";
 import { find, show } from "./elements.js";
 
@@ -90,7 +90,7 @@ export class Settings {
     show(Boolean(speaker && second && speaker !== second), "#shares");
     find("[for=share]").textContent = `${Math.round(100 * this.share)} %`;
     find("[for=energy]").textContent = this.energy.toFixed(1);
-    const latency = Math.round((1000 * Math.max(this.lookAhead + 1, 1.5)) / this.fps);
+    const latency = Math.round((1000 * Math.max(this.lookAhead + HOP, 1.5)) / this.fps);
     find("[for=ahead]").textContent = `${latency} ms`;
   }
 }

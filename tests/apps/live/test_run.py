@@ -13,7 +13,7 @@ from apps.live.standins import FPS, FakeStream, poses
 
 from ha2g_jax import cli, synthesis
 from ha2g_jax.apps.live import run
-from ha2g_jax.limits import DEFAULT_LOOK_AHEAD
+from ha2g_jax.limits import DEFAULT_HOP, DEFAULT_LOOK_AHEAD
 from ha2g_jax.motion.motion import Motion
 
 
@@ -36,7 +36,7 @@ def test_a_recording_has_all_frames_and_says_how_they_were_made(live, speech, tm
     motion = Motion.load(out)
     expected = Motion.from_directions(skeleton, poses(skeleton, 11), FPS)
     np.testing.assert_array_equal(motion.directions, expected.directions)
-    wanted = {"speech": "speech.wav", "duration": 0.75, "seed": 5, "look_ahead": DEFAULT_LOOK_AHEAD, "hop": 1}
+    wanted = {"speech": "speech.wav", "duration": 0.75, "seed": 5, "look_ahead": DEFAULT_LOOK_AHEAD, "hop": DEFAULT_HOP}
     assert motion.meta.items() >= wanted.items()
     assert motion.meta["controls"] == {"energy": 0.5}
     captured = capsys.readouterr()
@@ -105,7 +105,7 @@ def test_without_sound_nothing_is_recorded(live, tmp_path, monkeypatch, capsys):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--source", "{speech}", "--sink", "udp://127.0.0.1:9", "--delay", "0.1"], "the delay is 0.1 s; give 0.6 s"),
+        (["--source", "{speech}", "--sink", "udp://127.0.0.1:9", "--delay", "0.1"], "the delay is 0.1 s; give 0.667 s"),
         (["--source", "{speech}", "--sink", "a.npz", "--speaker", "nobody"], "nobody"),
     ],
 )

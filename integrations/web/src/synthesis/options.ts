@@ -5,6 +5,9 @@ import type { StyleOptions } from "./style.js";
 /** Frames of speech that a stream hears beyond each frame by default. */
 export const LOOK_AHEAD = 8;
 
+/** Frames of a stream that are generated in one run by default. */
+export const HOP = 2;
+
 const STYLE: Names<StyleOptions> = { speaker: true, mixture: true, values: true, variation: true };
 
 /** All names of the options of each kind. */
@@ -60,7 +63,7 @@ export interface StreamChange extends StyleOptions {
 export interface StreamOptions extends StreamChange {
   /** Frames of speech that are heard beyond the last new frame, 8 by default. */
   lookAhead?: number;
-  /** Frames that are generated in one run, 1 by default. */
+  /** Frames that are generated in one run, 2 by default. */
   hop?: number;
   /** Seed of all random choices, 0 by default. */
   seed?: number;

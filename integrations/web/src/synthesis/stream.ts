@@ -8,7 +8,7 @@ import { round } from "../rounding.js";
 import { FLOOR_DB, NUM_MELS, SAMPLE_RATE, windowColumn, windowColumns } from "../sound/mel.js";
 import { RunningMel } from "../sound/running-mel.js";
 import { hideUnheard } from "../sound/unheard.js";
-import { checkNames, LOOK_AHEAD, type StreamChange, type StreamOptions } from "./options.js";
+import { checkNames, HOP, LOOK_AHEAD, type StreamChange, type StreamOptions } from "./options.js";
 import type { Sampler } from "./sampler.js";
 import { chooseStyle, chooseTake } from "./style.js";
 import { RunningJoin } from "./windows.js";
@@ -49,7 +49,7 @@ export class Stream {
     options: StreamOptions = {},
   ) {
     checkNames(options, "stream");
-    const { lookAhead = LOOK_AHEAD, hop = 1, seed = 0, energy = 1, muted = false, reference } = options;
+    const { lookAhead = LOOK_AHEAD, hop = HOP, seed = 0, energy = 1, muted = false, reference } = options;
     const { num_frames, num_seed_frames, fps, has_hidden_ends, skeleton, seed_poses } = sampler.description;
     check(num_frames, num_seed_frames, lookAhead, hop, reference);
     checkEnergy(energy);
