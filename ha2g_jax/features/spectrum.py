@@ -101,7 +101,7 @@ def sound_power(power: np.ndarray) -> float:
     return float(widths @ power.mean(axis=1) / widths.sum())
 
 
-def window_column(frame: int, fps: float) -> int:
+def window_column(frame: float, fps: float) -> int:
     """Return the column of the spectrogram nearest to a frame's time, frame / fps x 16000 / 512, both from 0."""
     return round(frame * SAMPLE_RATE / (fps * HOP_LENGTH))
 

@@ -56,6 +56,7 @@ def test_a_video_of_another_rate_lasts_as_long(tmp_path, motion, fps):
     write_video(tmp_path / "v.mp4", motion, tone(2), size=32, fps=fps, has_progress=False)
     with av.open(str(tmp_path / "v.mp4")) as container:
         video = container.streams.video[0]
+        assert video.average_rate and video.duration and video.time_base
         assert float(video.average_rate) == pytest.approx(fps) and video.frames == round(2 * fps)
         assert float(video.duration * video.time_base) == pytest.approx(2, abs=1 / fps)
     with pytest.raises(UserError, match=r"0\.5 frames per second; give 1 to 240"):

@@ -138,6 +138,7 @@ def test_legs_and_place_come_back(skeleton, files, tmp_path):
     for rig, suffix in (("ha2g", ".glb"), ("mixamo", ".bvh"), ("unreal", ".csv")):
         formats.export(written, tmp_path / f"x{suffix}", rig=rig)
         found = read_motion(tmp_path / f"x{suffix}", skeleton=skeleton)
+        assert written.lower and found.lower
         floor = [0, written.lower.floor, 0]
         np.testing.assert_allclose(found.lower.translation + floor, written.lower.translation, atol=1e-3)
         if rig != "unreal":  # legs of the table's own length
