@@ -161,8 +161,7 @@ def _toes(positions: np.ndarray, skeleton: Skeleton, feet: np.ndarray) -> float:
     spine, neck, left, right = (
         positions[:, skeleton.joint(name)] for name in ("spine", "neck", "left_shoulder", "right_shoulder")
     )
-    up = (neck - spine).mean(axis=0)
-    up = up / np.linalg.norm(up)
+    up = unit((neck - spine).mean(axis=0))
     ahead = np.cross(left - right, up)
     toes = (feet[:, 1] - feet[:, 0]) + (feet[:, 3] - feet[:, 2])
     toes = toes - (toes @ up)[:, None] * up
