@@ -34,7 +34,7 @@ from websockets.exceptions import InvalidStatus
 from ha2g_jax.cli.parser import positive
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
-from ha2g_jax.limits import DEFAULT_HOP
+from ha2g_jax.motion.windows import DEFAULT_HOP
 
 _SPEECH = pathlib.Path(__file__).parent.parent / "examples" / "hello.wav"
 _MESSAGE_SECONDS = 0.05

@@ -1,11 +1,5 @@
 """Limits of inputs from outside, see docs/limits.md: within all of them an input takes seconds and less than 2 GiB."""
 
-DEFAULT_LOOK_AHEAD = 8
-"""Frames of speech that a stream hears beyond each frame where nothing else is asked for; fewer give few beats."""
-
-DEFAULT_HOP = 2
-"""Frames of a stream that are generated in one run: half the computation of 1, and motion that fits no worse."""
-
 MAX_NAME_LENGTH = 200
 """Letters of a path that a message shows."""
 

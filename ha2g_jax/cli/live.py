@@ -9,7 +9,7 @@ from typing import Any
 
 from ha2g_jax.cli import generate
 from ha2g_jax.cli.parser import read_seed, refuse_others
-from ha2g_jax.limits import DEFAULT_HOP, DEFAULT_LOOK_AHEAD
+from ha2g_jax.motion.windows import DEFAULT_HOP, DEFAULT_LOOK_AHEAD
 from ha2g_jax.progress import stage
 
 

@@ -6,6 +6,12 @@ from ha2g_jax.motion.resample import exp_map, log_map, slerp
 from ha2g_jax.motion.rotations import between, from_vector, rotate, to_vector
 from ha2g_jax.motion.smoothing import minimum_jerk
 
+DEFAULT_LOOK_AHEAD = 8
+"""Frames of speech that a stream hears beyond each frame where nothing else is asked for; fewer give few beats."""
+
+DEFAULT_HOP = 2
+"""Frames of a stream that are generated in one run: half the computation of 1, and motion that fits no worse."""
+
 _EASE_FRAMES = 10
 _TOLERANCE = 2.0  # times the usual distance from the course, which is no step
 

@@ -16,12 +16,11 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.text import Word
 from ha2g_jax.layers.resnet_se import Features
-from ha2g_jax.limits import DEFAULT_HOP, DEFAULT_LOOK_AHEAD
 from ha2g_jax.methods import METHODS
 from ha2g_jax.methods.method import Spec, Variables
 from ha2g_jax.motion import control
 from ha2g_jax.motion.resample import num_frames
-from ha2g_jax.motion.windows import num_windows
+from ha2g_jax.motion.windows import DEFAULT_HOP, DEFAULT_LOOK_AHEAD, num_windows
 from ha2g_jax.synthesis.generator import Generator, join
 from ha2g_jax.synthesis.scan import encode_chunks, encode_windows, sample_windows
 from ha2g_jax.synthesis.stream import Stream

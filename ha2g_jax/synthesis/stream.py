@@ -26,13 +26,12 @@ from ha2g_jax.features.spectrum import (
     window_column,
     window_columns,
 )
-from ha2g_jax.limits import DEFAULT_HOP, DEFAULT_LOOK_AHEAD
 from ha2g_jax.methods.method import Spec, Variables
 from ha2g_jax.motion.control.controls import NEUTRAL, Controls
 from ha2g_jax.motion.control.effects import EASE, Ramp, RunningControls, check_running
 from ha2g_jax.motion.resample import num_frames, slerp
 from ha2g_jax.motion.rotations import unit
-from ha2g_jax.motion.windows import RunningJoin
+from ha2g_jax.motion.windows import DEFAULT_HOP, DEFAULT_LOOK_AHEAD, RunningJoin
 from ha2g_jax.skeleton import Skeleton
 from ha2g_jax.synthesis.scan import generate_window
 from ha2g_jax.synthesis.style import RANDOM, Style, choose_style

@@ -19,10 +19,11 @@ from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.text import Word
 from ha2g_jax.figure import CAMERAS
 from ha2g_jax.files.writing import whole_file
-from ha2g_jax.limits import DEFAULT_HOP, DEFAULT_LOOK_AHEAD, MAX_MOTION_FRAMES
+from ha2g_jax.limits import MAX_MOTION_FRAMES
 from ha2g_jax.motion.armature import export_axes
 from ha2g_jax.motion.control.parts import rest_pose
 from ha2g_jax.motion.motion import Motion
+from ha2g_jax.motion.windows import DEFAULT_HOP, DEFAULT_LOOK_AHEAD
 from ha2g_jax.skeleton import Skeleton
 from ha2g_jax.viewer.packing import (
     LEVELS,

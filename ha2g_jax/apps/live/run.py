@@ -18,8 +18,9 @@ from ha2g_jax.apps.live.sinks import Sinks
 from ha2g_jax.apps.live.sources import Source
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
-from ha2g_jax.limits import DEFAULT_HOP, DEFAULT_LOOK_AHEAD, MAX_MOTION_SECONDS
+from ha2g_jax.limits import MAX_MOTION_SECONDS
 from ha2g_jax.motion import control
+from ha2g_jax.motion.windows import DEFAULT_HOP, DEFAULT_LOOK_AHEAD
 from ha2g_jax.progress import progress_bar, stage
 from ha2g_jax.stopping import on_stop_signals
 from ha2g_jax.synthesis import Model, Stream, Style, choose_style

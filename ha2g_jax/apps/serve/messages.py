@@ -10,10 +10,11 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
-from ha2g_jax.limits import DEFAULT_HOP, DEFAULT_LOOK_AHEAD, MAX_SEED
+from ha2g_jax.limits import MAX_SEED
 from ha2g_jax.motion.control import Controls, read_mute
 from ha2g_jax.motion.formats import SUFFIXES, choose_rig
 from ha2g_jax.motion.rigs import OWN
+from ha2g_jax.motion.windows import DEFAULT_HOP, DEFAULT_LOOK_AHEAD
 from ha2g_jax.synthesis.generator import Options
 from ha2g_jax.synthesis.style import VARIATION, Style, read_mixture
 

@@ -13,8 +13,8 @@ from apps.live.standins import FPS, FakeStream, poses
 
 from ha2g_jax import cli, synthesis
 from ha2g_jax.apps.live import run
-from ha2g_jax.limits import DEFAULT_HOP, DEFAULT_LOOK_AHEAD
 from ha2g_jax.motion.motion import Motion
+from ha2g_jax.motion.windows import DEFAULT_HOP, DEFAULT_LOOK_AHEAD
 
 
 @pytest.fixture
