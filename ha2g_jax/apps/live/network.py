@@ -82,7 +82,8 @@ def serving(address: Address, handle: Callable[[Any], None], page: LivePage | No
     library = require("websockets.sync.server", "live")
     closed = require("websockets.exceptions", "live").ConnectionClosed
     logger = logging.getLogger(f"{__name__}.websockets")
-    logger.propagate = False  # a client that speaks no WebSocket is no error of this program
+    # A client that speaks no WebSocket, or leaves, is no error of this program.
+    logger.propagate, logger.handlers = False, [logging.NullHandler()]
 
     def guarded(connection: Any) -> None:
         with contextlib.suppress(closed):

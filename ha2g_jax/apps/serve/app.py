@@ -35,7 +35,8 @@ from ha2g_jax.viewer.page import live_page
 TYPES = {"npz": "application/zip", "json": "application/json", "csv": "text/csv", "bvh": "text/plain"}
 _BINARY = "model/gltf-binary"  # glb and vrma
 _RETRY_SECONDS = 5
-_NO_FORM = "the body is not a form with one file 'speech'; send one as multipart/form-data"
+_UNKNOWN = {404: "no such address; /openapi.json has all", 405: "another method is expected; /openapi.json says which"}
+_NO_FORM = "the body is not a form with one file 'speech'; send multipart/form-data, as curl -F speech=@speech.wav does"
 _FULL_DISK = (errno.ENOSPC, errno.EDQUOT)
 _FORM: dict[str, Any] = {
     "requestBody": {
@@ -111,7 +112,7 @@ async def _bad_query(_: Request, error: RequestValidationError) -> JSONResponse:
 
 
 async def _http_error(_: Request, error: HTTPException) -> JSONResponse:
-    answer = refusal(error.status_code, str(error.detail))
+    answer = refusal(error.status_code, _UNKNOWN.get(error.status_code, str(error.detail)))
     answer.headers.update(error.headers or {})
     return answer
 
@@ -167,7 +168,7 @@ async def _answer(service: Service, request: Request, query: MotionQuery) -> Res
     try:
         upload = form.get("speech")
         if not isinstance(upload, UploadFile):
-            raise HTTPException(422, _NO_FORM)
+            raise HTTPException(400, _NO_FORM)
         name = shown(pathlib.PurePath(upload.filename or "speech").name or "speech")
         start = time.monotonic()
         content = await service.compute(_file, service, upload.file, name, query, options)
