@@ -19,6 +19,11 @@ from ha2g_jax.synthesis.generator import Options
 from ha2g_jax.synthesis.style import VARIATION, Style, read_mixture
 
 FORMATS = tuple(suffix.removeprefix(".") for suffix in SUFFIXES)
+_SENTENCES = {  # for the kinds of mistakes of pydantic; those of a value are its own
+    "extra_forbidden": "no such name; docs/serving.md has all",
+    "json_invalid": 'the text is not JSON; send an object, such as {"end": true}',
+    "model_type": 'the text is no object; send one, such as {"end": true}',
+}
 _MAX_LETTERS = 200  # of a message about a mistake
 
 Message = TypeVar("Message", bound="_Message")
@@ -138,4 +143,5 @@ def one_line(errors: list) -> str:
     """Return the first of the errors of pydantic as one line."""
     first = errors[0]
     where = ".".join(str(part) for part in first["loc"] if part not in ("query", "body"))
-    return shown(f"{where}: {first['msg']}" if where else first["msg"])[: 2 * _MAX_LETTERS]
+    what = _SENTENCES.get(first["type"], first["msg"].replace("Input should be", "expected"))
+    return shown(f"{where}: {what}" if where else what)[: 2 * _MAX_LETTERS]

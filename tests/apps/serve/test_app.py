@@ -39,7 +39,7 @@ def test_a_rig_gives_its_joints(client):
 BAD_REQUESTS = {
     "rig": ("rig=poser", None, 422, "no rig poser; expected one of ha2g, mixamo"),
     "rig of vrma": ("format=vrma&rig=unity", None, 422, "takes the rig vrm, not unity"),
-    "unknown name": ("formats=npz", None, 422, "Extra inputs"),
+    "unknown name": ("formats=npz", None, 422, "formats: no such name"),
     "great seed": ("seed=99999999999999999999", None, 422, "seed: "),
     "nan": ("energy=nan", None, 422, "the energy is nan"),
     "speaker": ("speaker=eve", None, 422, "no speaker 'eve' in the model; expected one of: ada, ben"),
