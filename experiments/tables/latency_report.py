@@ -48,7 +48,7 @@ _PANELS = {
     JERK: "jerk / truth",
     BEATS: "beats per second",
 }
-STREAM = 3  # look-ahead in frames of the questions on streams, the default of `Model.stream`
+STREAM = 3  # look-ahead in frames of the questions on streams, chosen before the runs
 MARGIN = 0.05  # difference in a score that is too small to matter
 
 _COLUMNS = {GAIN: "gain", ABOVE_FLOOR: "above floor", JERK: "jerk / truth", BEATS: "beats/s"}
