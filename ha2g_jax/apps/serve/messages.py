@@ -143,5 +143,5 @@ def one_line(errors: list) -> str:
     """Return the first of the errors of pydantic as one line."""
     first = errors[0]
     where = ".".join(str(part) for part in first["loc"] if part not in ("query", "body"))
-    what = _SENTENCES.get(first["type"], first["msg"].replace("Input should be", "expected"))
+    what = _SENTENCES.get(first["type"]) or first["msg"].replace("Input should be", "expected")
     return shown(f"{where}: {what}" if where else what)[: 2 * _MAX_LETTERS]
