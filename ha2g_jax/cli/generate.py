@@ -32,9 +32,9 @@ def add_commands(commands: Any) -> None:
         "-o",
         "--out",
         type=pathlib.Path,
-        help="file to write; its suffix is the format: .mp4, .html, .bvh, .glb, .fbx (by Blender), .vrma, .json, .csv or "
-        ".npz; a name without a suffix for OUT.npz and OUT.mp4; for several files, a folder (default: SPEECH_gestures.npz "
-        "and .mp4, beside the speech)",
+        help="file to write; its suffix is the format: .mp4, .html, .bvh, .glb, .fbx (by Blender), .vrma, .json, .csv "
+        "or .npz; a name without a suffix for OUT.npz and OUT.mp4; for several files, a folder (default: "
+        "SPEECH_gestures.npz and .mp4, beside the speech)",
     )
     command.add_argument(
         "--format", metavar="SUFFIX", help="write this format where OUT names none, for example bvh (default: npz, mp4)"
