@@ -122,6 +122,8 @@ def _train(
         )
     batches = inputs.training_batches(config, windows, step, jax.process_index(), jax.process_count())
     if hosts.is_first():
+        if found:
+            tqdm.tqdm.write(f"continuing at step {step} of {num_steps}", file=sys.stderr)
         model_folder.write_description(workdir, config, assets)
         run_record.write(workdir, config, step, corpus)
         held.enter_context(run_record.noting_failure(workdir))

@@ -84,7 +84,7 @@ def test_losses_of_the_first_steps_are_those_of_earlier_versions(run):
     np.testing.assert_allclose(found, expected, rtol=1e-3)
 
 
-def test_a_run_that_was_stopped_goes_on_as_if_it_had_not_been(run, config_for, tmp_path, monkeypatch):
+def test_a_run_that_was_stopped_goes_on_as_if_it_had_not_been(run, config_for, tmp_path, monkeypatch, capsys):
     add = StepLog.add
 
     def add_and_stop(self, step, metrics):
@@ -101,7 +101,9 @@ def test_a_run_that_was_stopped_goes_on_as_if_it_had_not_been(run, config_for, t
 
     with (tmp_path / "metrics.jsonl").open("a") as file:
         file.write('{"step": 4, "loss/total": 0.0}\n{"step": 5, "los')  # as a killed run leaves it
+    capsys.readouterr()
     loop.train(config_for(steps=5, log_every=3), tmp_path)
+    assert "continuing at step 2 of 5" in capsys.readouterr().err
     for found, expected in zip(_parameters(tmp_path), _parameters(run), strict=True):
         np.testing.assert_array_equal(found, expected)
     whole, resumed = (read_metrics(workdir / "metrics.jsonl") for workdir in (run, tmp_path))
