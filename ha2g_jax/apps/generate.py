@@ -1,6 +1,7 @@
 """Generate files from files of speech: motions, videos, pages, and the formats of other programs."""
 
 import contextlib
+import functools
 import os
 import pathlib
 import re
@@ -16,10 +17,10 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import has_sound
 from ha2g_jax.features.text import Word
 from ha2g_jax.files.reading import check_regular, reading, resolved, shown, why_not_there
-from ha2g_jax.files.writing import check_kept, whole_file
+from ha2g_jax.files.writing import check_kept, do_each, whole_file
 from ha2g_jax.motion import formats, rigs
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.progress import progress_bar, stage
+from ha2g_jax.progress import stage
 from ha2g_jax.synthesis.generator import Audio, Generator, Options, read_speech
 from ha2g_jax.viewer.page import MAX_MOTIONS, view
 
@@ -298,17 +299,11 @@ def generate_files(
         _generate(model, tasks[0], seeds, words, rig, picture, report, options)
         return tasks[0].paths
     model.check_options(**options)  # said once, not for each file
-    failed = 0
-    with progress_bar("generating", len(tasks), "file") as bar:
-        for task in tasks:
-            try:
-                _generate(model, task, seeds, None, rig, picture, report, options)
-            except UserError as error:
-                failed += 1
-                tqdm.write(f"{shown(task.speech)} failed: {error}", file=sys.stderr)
-            bar.update()
-    if failed:
-        raise UserError(f"{failed} of {len(tasks)} files failed, for the reasons above")
+
+    def generate(task: Task) -> None:
+        _generate(model, task, seeds, None, rig, picture, report, options)
+
+    do_each("generating", [(task.speech, functools.partial(generate, task)) for task in tasks])
     return tuple(path for task in tasks for path in task.paths)
 
 

@@ -2,6 +2,7 @@
 
 import argparse
 import collections
+import functools
 import pathlib
 import re
 import sys
@@ -13,8 +14,7 @@ from tqdm import tqdm
 from ha2g_jax.cli.parser import add_reading, reading, refuse_others
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import resolved, shown
-from ha2g_jax.files.writing import check_kept
-from ha2g_jax.progress import progress_bar
+from ha2g_jax.files.writing import check_kept, do_each
 
 if TYPE_CHECKING:
     import numpy as np
@@ -146,20 +146,14 @@ def _export_each(arguments: argparse.Namespace, suffix: str) -> None:
     check_reading(list(outs.values()), **reading(arguments))
     rig = arguments.rig or rigs.OWN
     formats.choose_rig(next(iter(outs)), rig)
-    failed = 0
-    with progress_bar("exporting", len(outs), "file") as bar:
-        for out, path in outs.items():
-            try:
-                motion = read_motion(path, **reading(arguments))
-                out.parent.mkdir(parents=True, exist_ok=True)
-                formats.export(motion, out, rig=rig)
-                tqdm.write(str(out))
-            except UserError as error:
-                failed += 1
-                tqdm.write(f"{shown(path)} failed: {error}", file=sys.stderr)
-            bar.update()
-    if failed:
-        raise UserError(f"{failed} of {len(outs)} files failed, for the reasons above")
+
+    def export(path: pathlib.Path, out: pathlib.Path) -> None:
+        motion = read_motion(path, **reading(arguments))
+        out.parent.mkdir(parents=True, exist_ok=True)
+        formats.export(motion, out, rig=rig)
+        tqdm.write(str(out))
+
+    do_each("exporting", [(path, functools.partial(export, path, out)) for out, path in outs.items()])
 
 
 def _write_video(arguments: argparse.Namespace) -> None:

@@ -195,6 +195,7 @@ def power_spectrum(audio: np.ndarray, fft_size: int, hop_length: int, without: n
     return power.T
 
 
+@functools.cache
 def _hann(size: int) -> np.ndarray:
     return 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(size) / size)
 

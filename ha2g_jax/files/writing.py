@@ -1,4 +1,4 @@
-"""Writing of files and folders whole or not at all, and checks of the places for them."""
+"""Writing of files and folders whole or not at all, of several one after the other, and checks of their paths."""
 
 import contextlib
 import errno
@@ -7,17 +7,39 @@ import pathlib
 import re
 import secrets
 import shutil
+import sys
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import filelock
+from tqdm import tqdm
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import reason, shown
+from ha2g_jax.progress import progress_bar
 
 _MAX_NAME = 200  # bytes; most file systems allow 255 for a whole name
 _TOKEN_BYTES = 4
 _ADVICE = "use another folder or free disk space"
+
+
+def do_each(desc: str, works: Sequence[tuple[pathlib.Path, Callable[[], object]]]) -> None:
+    """Do the work of each file with a progress bar; a failure is named on stderr, and the other works are done.
+
+    Raises:
+        UserError: at the end, if a work failed.
+    """
+    failed = 0
+    with progress_bar(desc, len(works), "file") as bar:
+        for path, work in works:
+            try:
+                work()
+            except UserError as error:
+                failed += 1
+                tqdm.write(f"{shown(path)} failed: {error}", file=sys.stderr)
+            bar.update()
+    if failed:
+        raise UserError(f"{failed} of {len(works)} files failed, for the reasons above")
 
 
 def check_file(path: str | pathlib.Path) -> None:

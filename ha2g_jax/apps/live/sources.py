@@ -143,8 +143,10 @@ class Inbox:
         self._is_closed = False
 
     def put(self, piece: np.ndarray | bool | UserError | None) -> bool:
-        """Wait for room, append samples, whether the arms rest from there on, None for the end of the sound or an error
-        that is raised there, and return whether the run still listens.
+        """Wait until there is space, append a piece, and return whether the run still listens.
+
+        A piece is samples, whether the arms rest from there on, None for the end of the sound, or an error that is
+        raised there.
         """
         while not self._is_closed:
             with contextlib.suppress(queue.Full):
