@@ -6,11 +6,13 @@ What is below 80 Hz counts for nothing: a constant, rumble and the hum of the ma
 subtracted before the transform, because the Hann window spreads them over all frequencies. The first and the last
 column, which reach beyond the ends of the sound, are silence: sound that begins in the middle of a wave is no click.
 D11: 0 dB is the maximum of the clip, the floor lies 80 dB below it; the spectrogram is computed once per clip and
-sliced at the nearest column.
+sliced at the nearest column. 0 dB is at least the level of a quiet voice, `LEAST_POWER`, so that faint noise alone is
+not as loud as speech.
 
 Whisper's (Radford et al. 2022, section 2.2), the input of a speech recognition encoder, has FFT 400, hop 160, log10 of
 the power, a floor 80 dB below the loudest value, and (x + 4) / 4. As with D11, the loudest value is that of the clip
-that a window is cut from, so that all windows of a clip have the same floor; Whisper takes that of its 30 s.
+that a window is cut from, so that all windows of a clip have the same floor; Whisper takes that of its 30 s. Only the
+floor is relative.
 
 The end of a window that has not been heard yet is hidden, in training and in a stream: while someone speaks, a window
 reaches into the future, and a model must know where its knowledge ends.
@@ -27,8 +29,6 @@ FFT_SIZE = 1024
 HOP_LENGTH = 512
 NUM_MELS = 128
 FLOOR_DB = -80.0
-# A clip whose loudest mel power is lower is silence: 70 dB below the noise of 16-bit rounding.
-_SILENCE_POWER = 1e-15
 _FIRST_HEARD = math.ceil(LOWEST_HZ * FFT_SIZE / SAMPLE_RATE)  # number of a frequency of the FFT
 _SLOW_CYCLES = np.arange(0, 3, 0.5)  # in a column; the fastest, 39 Hz, fills frequencies up to `_FIRST_HEARD`
 
@@ -43,17 +43,18 @@ _ASR_DECADES = 8.0  # difference between the loudest value and the floor
 # silence is at the other end of the range: no further input is needed to tell them apart.
 HIDDEN_DB = 0.0
 
-# The loudest mel power of speech with a peak of about 0.2: 12 to 37 in four recordings. 0 dB starts here, so that the
-# noise before the first word is not taken for speech, and louder speech raises it at once.
+# The loudest mel power of speech with a peak of about 0.2: 12 to 37 in four recordings. In a stream 0 dB starts here, so
+# that the noise before the first word is not taken for speech, and louder speech raises it at once.
 TYPICAL_POWER = 15.0
-# 0 dB falls slowly while there is sound, so that one loud moment is forgotten after some minutes and a quiet voice is
-# heard; it does not fall in pauses, and not below the level of a peak of about 0.02.
+# The least mel power of 0 dB, 30 dB lower: that of speech with a peak of about 0.006, -44 dBFS, or of white noise at
+# -42 dBFS. All of a quieter clip is below 0 dB.
+LEAST_POWER = TYPICAL_POWER / 1000
+# In a stream 0 dB falls slowly while there is sound, so that one loud moment is forgotten after some minutes and a quiet
+# voice is heard; it does not fall in pauses.
 _FALL_DB = 0.2  # per second of sound
-_SOUND_DB = 30.0  # a column whose loudest band is within this of 0 dB is sound
-_LEAST_POWER = TYPICAL_POWER / 100
+_SOUND_DB = -30.0  # a column whose loudest band is louder is sound
 
 _FALL = 10 ** (-_FALL_DB / 10 * HOP_LENGTH / SAMPLE_RATE)
-_SOUND = 10 ** (-_SOUND_DB / 10)
 
 _LINEAR_HZ, _LINEAR_MEL = 1000.0, 15.0  # end of the linear part of Slaney's scale
 _LOG_STEP = np.log(6.4) / 27  # of the logarithm of the frequency in a mel above it
@@ -67,8 +68,8 @@ def log_mel(audio: np.ndarray, reference: float | None = None) -> np.ndarray:
 
     For a clip of ordinary loudness this is `librosa.power_to_db(melspectrogram(...), ref=np.max)` between the first and
     the last column, which are silence. Unlike that of librosa, the floor is relative to the clip (D11), so that the
-    result does not depend on the volume, and silence is at the floor and not at 0 dB. `reference` is the mel power of
-    0 dB, by default the maximum of the clip.
+    result does not depend on the volume. `reference` is the mel power of 0 dB, by default the maximum of the clip, and
+    at least `LEAST_POWER`, so that silence is at the floor and quieter sound sinks in dB as its level does.
     """
     power = np.zeros((NUM_MELS, 1 + len(audio) // HOP_LENGTH), np.float32)
     if len(audio) >= FFT_SIZE:
@@ -87,10 +88,11 @@ def mel_power(audio: np.ndarray) -> np.ndarray:
 
 
 def decibels(power: np.ndarray, reference: float) -> np.ndarray:
-    """Return mel powers (128, columns) in dB relative to a reference power, in [-80, 0]; -80 if that is silence."""
-    if reference < _SILENCE_POWER:
-        return np.full(power.shape, FLOOR_DB, np.float32)
-    ratio = np.clip(power / np.float32(reference), 10 ** (FLOOR_DB / 10), 1)
+    """Return mel powers, such as (128, columns), in dB relative to a reference power of at least `LEAST_POWER`.
+
+    They are in [-80, 0], float32.
+    """
+    ratio = np.clip(power / np.float32(max(reference, LEAST_POWER)), 10 ** (FLOOR_DB / 10), 1)
     return np.clip(10 * np.log10(ratio), FLOOR_DB, 0, dtype=np.float32)
 
 
@@ -292,17 +294,20 @@ class RunningMel:
         return decibels(powers.T, self._reference).astype(np.float16).astype(np.float32)
 
     def has_sound(self, start: int, end: int) -> bool:
-        """Return whether one of the kept columns from `start` on and before `end` is within 30 dB of 0 dB."""
+        """Return whether one of the kept columns from `start` on and before `end` is within 30 dB of 0 dB.
+
+        As 0 dB is at least `LEAST_POWER`, white noise below -72 dBFS never is, whatever was heard before.
+        """
         first = len(self._is_sound) - self._num_columns
         return bool(self._is_sound[max(first + start, 0) : max(first + end, 0)].any())
 
     def _add_column(self, samples: np.ndarray) -> None:
         power = mel_power(samples)[:, 0]
         loudest = float(power.max())
-        is_sound = loudest > self._reference * _SOUND
+        is_sound = bool(decibels(power, self._reference).max() > _SOUND_DB)
         for kept, latest in ((self._powers, power), (self._is_sound, is_sound)):
             kept[:-1] = kept[1:]
             kept[-1] = latest
         self._num_columns += 1
         if self._is_running and is_sound:
-            self._reference = max(loudest, self._reference * _FALL, _LEAST_POWER)
+            self._reference = max(loudest, self._reference * _FALL)

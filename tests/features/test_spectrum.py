@@ -11,6 +11,7 @@ from ha2g_jax.features.audio import SAMPLE_RATE, high_pass
 from ha2g_jax.features.spectrum import (
     FFT_SIZE,
     FLOOR_DB,
+    LEAST_POWER,
     TYPICAL_POWER,
     RunningMel,
     asr_columns,
@@ -76,9 +77,23 @@ def test_mel_is_librosas_between_silent_borders():
     assert (mel[:, [0, -1]] == -80).all()
 
 
-def test_silence_is_the_floor_and_a_quiet_clip_is_as_loud_as_a_loud_one():
+@settings(max_examples=30, deadline=None)
+@given(st.floats(-120, 0))
+def test_a_quiet_clip_is_as_loud_as_a_loud_one_and_a_faint_one_sinks_as_its_level_does(gain_db):
+    """What speech with a peak below -44 dBFS, or noise below -42 dBFS, lacks is what the spectrogram lacks."""
+    samples = noise(16000)
+    loudest_db = 10 * np.log10(mel_power(samples).max() / LEAST_POWER)
+    expected = np.maximum(log_mel(samples) + min(loudest_db + gain_db, 0), -80)
+    np.testing.assert_allclose(log_mel(np.float32(10 ** (gain_db / 20)) * samples), expected, atol=1e-2)
     assert (log_mel(np.zeros(16000, np.float32)) == -80).all()
-    np.testing.assert_allclose(log_mel(1e-4 * noise(16000)), log_mel(noise(16000)), atol=1e-2)
+
+
+def test_speech_of_any_ordinary_level_has_0_db_and_faint_noise_does_not():
+    for peak in (0.01, 0.1, 1):
+        assert log_mel(_speech(2, peak)).max() == 0
+    for level_db, loudest in ((-60, -15), (-75, -30), (-90, -45)):
+        noise = np.random.default_rng(1).normal(0, 10 ** (level_db / 20), 160000).astype(np.float32)
+        assert log_mel(noise).max() < loudest
 
 
 def test_a_given_reference_is_the_zero_of_the_scale():

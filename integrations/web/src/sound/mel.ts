@@ -9,7 +9,9 @@ export const HOP_LENGTH = 512;
 export const NUM_MELS = 128;
 export const FLOOR_DB = -80;
 
-const SILENCE_POWER = 1e-15; // a clip whose loudest mel power is lower is silence
+/** The loudest mel power of speech with a peak of about 0.2, and the least mel power of 0 dB. */
+export const TYPICAL_POWER = 15;
+const LEAST_POWER = TYPICAL_POWER / 1000;
 const FIRST_HEARD = Math.ceil((80 * FFT_SIZE) / SAMPLE_RATE); // a constant, rumble and hum below 80 Hz count for nothing
 const LEAST_RATIO = Math.fround(1e-8); // of the floor
 
@@ -38,7 +40,7 @@ export function melPower(samples: Float32Array, start: number, mel: Float32Array
 }
 
 /**
- * Computes the log-mel spectrogram of a clip in dB relative to its maximum.
+ * Computes the log-mel spectrogram of a clip in dB relative to its maximum, or to `LEAST_POWER` if that is greater.
  *
  * @param samples - (samples,) at 16 kHz, at least 1 sample.
  * @returns (1 + floor(samples / 512), 128) in [-80, 0], one column of the spectrogram after the other.
@@ -53,10 +55,10 @@ export function logMel(samples: Float32Array): Float32Array {
   return powers.map((value) => decibels(value, loudest));
 }
 
-/** Returns a mel power in dB relative to a reference, in [-80, 0]; -80 if the reference is silence. */
+/** Returns a mel power in dB relative to a reference power of at least `LEAST_POWER`, in [-80, 0]. */
 export function decibels(value: number, reference: number): number {
-  if (reference < SILENCE_POWER) return FLOOR_DB;
-  const ratio = Math.min(Math.max(Math.fround(value / Math.fround(reference)), LEAST_RATIO), 1);
+  const zero = Math.fround(Math.max(reference, LEAST_POWER));
+  const ratio = Math.min(Math.max(Math.fround(value / zero), LEAST_RATIO), 1);
   return Math.min(Math.max(Math.fround(10 * Math.fround(Math.log10(ratio))), FLOOR_DB), 0);
 }
 

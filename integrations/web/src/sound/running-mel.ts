@@ -7,13 +7,11 @@
  */
 
 import { toFloat16 } from "../rounding.js";
-import { decibels, HOP_LENGTH, melPower, NUM_MELS, SAMPLE_RATE } from "./mel.js";
+import { decibels, HOP_LENGTH, melPower, NUM_MELS, SAMPLE_RATE, TYPICAL_POWER } from "./mel.js";
 
-const TYPICAL_POWER = 15; // the loudest mel power of speech with a peak of about 0.2
-// 0 dB falls slowly while there is sound; it does not fall in pauses, and not below the level of a peak of about 0.02.
-const LEAST_POWER = TYPICAL_POWER / 100;
+// 0 dB falls slowly while there is sound; it does not fall in pauses.
 const FALL = 10 ** ((-0.2 / 10) * (HOP_LENGTH / SAMPLE_RATE)); // by 0.2 dB in a second of sound
-const SOUND = 10 ** (-30 / 10); // a column whose loudest band is within 30 dB of 0 dB is sound
+const SOUND_DB = -30; // a column whose loudest band is louder is sound
 
 /** The last columns of the spectrogram of speech that goes on. */
 export class RunningMel {
@@ -84,11 +82,9 @@ export class RunningMel {
     melPower(samples, start, latest);
     this.numColumns++;
     const loudest = Math.max(...latest);
-    const isSound = loudest > this.reference * SOUND;
+    const isSound = decibels(loudest, this.reference) > SOUND_DB;
     this.isSound.copyWithin(0, 1);
     this.isSound[this.kept - 1] = Number(isSound);
-    if (this.isRunning && isSound) {
-      this.reference = Math.max(loudest, this.reference * FALL, LEAST_POWER);
-    }
+    if (this.isRunning && isSound) this.reference = Math.max(loudest, this.reference * FALL);
   }
 }

@@ -1,5 +1,6 @@
 """A page hears the spectrogram and makes the motion that Python makes: of files, and while someone speaks."""
 
+import itertools
 import json
 import pathlib
 import shutil
@@ -24,6 +25,7 @@ SPEECH = ROOT / "examples" / "hello.wav"
 MEDIAN, WORST = 0.01, 0.2  # degrees
 # dB. At other rates the filters that resample differ; a band at the floor may differ by more than one that is heard.
 TOLERANCES = {16000: 1e-3, 48000: 5e-3, 44100: 0.1, 22050: 0.1}
+GAINS = (1, 1e-3)  # ordinary speech, and sound too faint to have 0 dB
 
 FILES = (
     {},
@@ -176,26 +178,26 @@ def test_a_model_file_that_is_cut_short_is_refused(demo_folder, do_jobs, tmp_pat
 
 @pytest.fixture(scope="module")
 def spectrograms(demo_folder, do_jobs, tmp_path_factory):
-    """For each rate, the path of a file and the spectrogram (128, columns) of a page."""
+    """For each rate and gain, the path of a file and the spectrogram (128, columns) of a page."""
     folder = tmp_path_factory.mktemp("sounds")
     samples, rate = soundfile.read(SPEECH, dtype="float32")
     paths = {}
-    for new_rate in TOLERANCES:
-        paths[new_rate] = folder / f"{new_rate}.wav"
-        mono = soxr.resample(samples, rate, new_rate) if new_rate != rate else samples
+    for new_rate, gain in itertools.product(TOLERANCES, GAINS):
+        path = paths[new_rate, gain] = folder / f"{new_rate}_{gain}.wav"
+        mono = gain * (soxr.resample(samples, rate, new_rate) if new_rate != rate else samples)
         stereo = np.stack([mono, 0.5 * mono], axis=1)
-        soundfile.write(paths[new_rate], stereo, new_rate, subtype="PCM_24" if new_rate == 44100 else "PCM_16")
+        soundfile.write(path, stereo, new_rate, subtype="PCM_24" if new_rate == 44100 else "PCM_16")
     jobs = [{"kind": "mel", "sound": path, "out": path.with_suffix(".f32")} for path in paths.values()]
     do_jobs(demo_folder, jobs)
     return {
-        rate: (path, np.fromfile(path.with_suffix(".f32"), np.float32).reshape(-1, 128).T)
-        for rate, path in paths.items()
+        key: (path, np.fromfile(path.with_suffix(".f32"), np.float32).reshape(-1, 128).T) for key, path in paths.items()
     }
 
 
+@pytest.mark.parametrize("gain", GAINS)
 @pytest.mark.parametrize("rate", TOLERANCES)
-def test_a_page_hears_the_same_spectrogram(spectrograms, rate):
-    path, found = spectrograms[rate]
+def test_a_page_hears_the_same_spectrogram(spectrograms, rate, gain):
+    path, found = spectrograms[rate, gain]
     expected = log_mel(read_audio(path))
-    assert found.shape == expected.shape
+    assert found.shape == expected.shape and (expected.max() == 0) == (gain == 1)
     assert np.abs(found - expected).max() < TOLERANCES[rate]
