@@ -116,7 +116,7 @@ def equalize(mel: np.ndarray, most_db: float, rng: np.random.Generator) -> np.nd
     """Change the frequency response of a spectrogram (128, columns) in dB, as another microphone does.
 
     The response is interpolated between random values of at most `most_db` dB at six points, evenly spaced in mel. Its
-    maximum is 0 dB, because 0 dB is at least the maximum of the clip (D11).
+    maximum is 0 dB, because the maximum of the clip is 0 dB at most (D11).
     """
     points = rng.uniform(-most_db, most_db, _EQUALIZER_POINTS)
     response = np.interp(np.linspace(0, _EQUALIZER_POINTS - 1, len(mel)), np.arange(_EQUALIZER_POINTS), points)
@@ -139,7 +139,7 @@ def reverberate(mel: np.ndarray, seconds: float, direct_db: float) -> np.ndarray
 
 
 def make_quieter(mel: np.ndarray, gain_db: float) -> np.ndarray:
-    """Make the sound of a spectrogram quieter; it cannot be louder, as 0 dB is at least the maximum of the clip (D11)."""
+    """Make the sound of a spectrogram quieter, but never louder, as the maximum of the clip is 0 dB at most (D11)."""
     return np.maximum(mel - np.float32(gain_db), np.float32(FLOOR_DB))
 
 

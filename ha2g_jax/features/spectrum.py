@@ -43,14 +43,14 @@ _ASR_DECADES = 8.0  # difference between the loudest value and the floor
 # silence is at the other end of the range: no further input is needed to tell them apart.
 HIDDEN_DB = 0.0
 
-# The loudest mel power of speech with a peak of about 0.2: 12 to 37 in four recordings. In a stream 0 dB starts here, so
-# that the noise before the first word is not taken for speech, and louder speech raises it at once.
+# The loudest mel power of speech with a peak of about 0.2: 12 to 37 in four recordings. A stream begins with this 0 dB,
+# so that the noise before the first word is not taken for speech, and louder speech raises it at once.
 TYPICAL_POWER = 15.0
 # The least mel power of 0 dB, 30 dB lower: that of speech with a peak of about 0.006, -44 dBFS, or of white noise at
 # -42 dBFS. All of a quieter clip is below 0 dB.
 LEAST_POWER = TYPICAL_POWER / 1000
-# In a stream 0 dB falls slowly while there is sound, so that one loud moment is forgotten after some minutes and a quiet
-# voice is heard; it does not fall in pauses.
+# In a stream 0 dB falls slowly while there is sound, so that one loud moment is forgotten after some minutes and a
+# quiet voice is heard; it does not fall in pauses.
 _FALL_DB = 0.2  # per second of sound
 _SOUND_DB = -30.0  # a column whose loudest band is louder is sound
 
