@@ -5,6 +5,8 @@ import pathlib
 from collections.abc import Mapping, Sequence
 from typing import Any, Unpack
 
+import numpy as np
+
 from ha2g_jax import __version__, metrics
 from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.data.talk import build
@@ -16,10 +18,11 @@ from ha2g_jax.evaluation.table import PARTS
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.files.reading import resolved, shown
 from ha2g_jax.metrics.beats import strokes
+from ha2g_jax.metrics.hands import upper_body
 from ha2g_jax.metrics.row import SEED_FRAMES
 from ha2g_jax.motion.readers import Reading, check_reading, read_motion
 from ha2g_jax.progress import stage
-from ha2g_jax.skeleton import load_skeleton
+from ha2g_jax.skeleton import directions_to_positions, load_skeleton
 
 MIN_SECONDS = 10.0  # of a recording
 TEST_SPLITS, OTHER_SPLIT = ("test", "test_unseen_speakers"), "val"
@@ -205,8 +208,9 @@ def evaluate_recording(
         body = load_skeleton(skeleton or read_motion(motion, **reading).meta["skeleton"])
         directions = read_directions(pathlib.Path(motion), body.name, **reading).directions
         fps, first_frame, inputs = FPS, 0, {"motion": shown(motion)}
-    wrists = strokes.wrist_positions(body, directions)
-    row, name = strokes.recording_row(audio, wrists, fps, first_frame), "model" if motion is None else "motion"
+    places = directions_to_positions(body, directions.astype(np.float64))
+    row = strokes.recording_row(audio, upper_body(body, places, fps), first_frame)
+    name = "model" if motion is None else "motion"
     section = {
         "methods": [name],
         "rows": {},

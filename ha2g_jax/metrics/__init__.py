@@ -4,7 +4,7 @@ A new metric is one file that defines a `Metric`, an import here, and one line i
 """
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.metrics import causes, diversity, frechet, kinematics, legacy, reconstruction, seams
+from ha2g_jax.metrics import causes, diversity, frechet, giveaway, hands, kinematics, legacy, reconstruction, seams
 from ha2g_jax.metrics.beats import rests, row_alignment, strokes
 from ha2g_jax.metrics.metric import Metric, Section
 
@@ -30,6 +30,8 @@ _REGISTERED: tuple[Metric, ...] = (
     seams.SEAM_VELOCITY_P,
     seams.SEAM_ACCELERATION,
     seams.SEAM_ACCELERATION_P,
+    *hands.HAND_METRICS,
+    *giveaway.GIVEAWAY_METRICS,
     reconstruction.JOINT_MAE,
     reconstruction.ACCELERATION_ERROR,
     reconstruction.PCK,
@@ -38,6 +40,7 @@ _REGISTERED: tuple[Metric, ...] = (
     *causes.CAUSE_METRICS,
     causes.PROBE_ACCURACY,
     *strokes.RECORDING_METRICS,
+    *hands.RECORDING_HAND_METRICS,
     *rests.BEAT2_METRICS,
 )
 METRICS: dict[str, Metric] = {metric.name: metric for metric in _REGISTERED}

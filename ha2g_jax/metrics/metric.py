@@ -20,12 +20,15 @@ Direction = Literal["higher", "lower", "none"]
 BEATS = "Beats against the speech"
 LIKENESS = "Motion as a whole"
 MOVEMENT = "Movement"
+HANDS = "Hands and head"
+GIVEAWAY = "What gives it away: area under the curve of a linear classifier on 5 s (0.5: cannot be told apart)"
 RECONSTRUCTION = "Errors of reconstruction, not quality"
 LEGACY = "Legacy rules (legacy_v1), for comparison with old tables only"
 KNOWN_CAUSES = "Known causes"
 PROBE = "Word class from frozen f_high at word onsets, by a linear probe"
 BEAT2 = "Protocol BEAT2: all joints of SMPL-X, 30 frames per second"
 RECORDING = "Strokes of the hands against the onsets of the recording"
+RECORDING_HANDS = "Hands and head, to be held against a person's"
 
 Section = Literal["rows", "legacy_v1", "known_causes", "recording", "beat2"]
 

@@ -11,13 +11,15 @@ from ha2g_jax.evaluation.evaluate import measure, score_as_json
 from ha2g_jax.evaluation.scoring import evaluate_recording
 from ha2g_jax.evaluation.table import as_markdown, as_table
 from ha2g_jax.metrics.beats import strokes
+from ha2g_jax.metrics.hands import UpperBody
 
 CLICKS = np.cumsum(np.random.default_rng(3).uniform(0.45, 1.1, 70))
 SECONDS = 50
 
 
 def score(audio: np.ndarray, wrists: np.ndarray) -> dict:
-    row = strokes.recording_row(audio, wrists, 15)
+    still = np.ones((len(wrists), 3))
+    row = strokes.recording_row(audio, UpperBody(wrists, wrists, still, still, 15))
     return {name.removeprefix("recording_"): score_as_json(found) for name, found in measure(row, "recording").items()}
 
 

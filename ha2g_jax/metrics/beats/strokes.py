@@ -14,6 +14,7 @@ import numpy as np
 
 from ha2g_jax.metrics.beats.alignment import harmonic_mean
 from ha2g_jax.metrics.beats.times import ONSET_RATE, SIGMA, audio_onsets, deep_minima, kernel, nearest
+from ha2g_jax.metrics.hands import UpperBody
 from ha2g_jax.metrics.metric import RECORDING, Direction, Metric, Score
 from ha2g_jax.metrics.uncertainty import Estimate, jackknife
 from ha2g_jax.skeleton import Skeleton, directions_to_positions
@@ -148,21 +149,23 @@ def kernel_f(sums: np.ndarray) -> float:
 
 class RecordingRow(NamedTuple):
     """What is compared in one motion for one recording, of a length in seconds: sums (segments, 1 + shifts, 4) of
-    `Kernels` of each segment with an onset, with the sound and with each shift of it.
+    `Kernels` of each segment with an onset, with the sound and with each shift of it; and the body that moves.
     """
 
     sums: np.ndarray
     num_onsets: int
     num_beats: int
     seconds: float
+    body: UpperBody
 
 
-def recording_row(audio: np.ndarray, wrists: np.ndarray, fps: float, first_frame: int = 4) -> RecordingRow:
+def recording_row(audio: np.ndarray, body: UpperBody, first_frame: int = 4) -> RecordingRow:
     """Compare the strokes of the hands with the onsets of a recording (samples,) at 16 kHz and of its shifts.
 
     The mismatched sound is the recording itself, rotated in time by 4, 6, 8, ... seconds: the rhythm is the same, the
-    onsets are elsewhere. The wrists are (T, 2, 3) in metres, y down; `first_frame` is the first that is scored.
+    onsets are elsewhere. The first frame of the body that is scored is `first_frame`.
     """
+    wrists, fps = body.wrists, body.fps
     start, end = first_frame / fps, min(len(audio) / ONSET_RATE, len(wrists) / fps)
     onsets, moves = (x[(x >= start) & (x < end)] for x in (audio_onsets(audio, end), stroke_beats(wrists, fps)))
     length = end - start
@@ -170,7 +173,9 @@ def recording_row(audio: np.ndarray, wrists: np.ndarray, fps: float, first_frame
     sounds = [onsets, *(np.sort((onsets - start + shift) % length + start) for shift in shifts)]
     edges = np.linspace(start, end, max(1, round(length / SEGMENT)) + 1)
     sums = np.array([[kernels(x, moves, *edge) for x in sounds] for edge in itertools.pairwise(edges)])
-    return RecordingRow(sums if len(onsets) else sums[:0], len(onsets), len(moves), length)
+    return RecordingRow(
+        sums if len(onsets) else sums[:0], len(onsets), len(moves), length, body.cut(first_frame, round(end * fps))
+    )
 
 
 def _own(sums: np.ndarray) -> float:

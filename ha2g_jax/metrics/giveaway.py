@@ -1,0 +1,298 @@
+"""What gives motion away: how well a linear classifier tells a system from a person by features of 5 s of motion.
+
+The value is the area under the ROC curve on recordings that the classifier has not seen: 0.5 cannot be told apart, 1 is
+told apart every time. It is that of groups of features, so that it shows where motion differs from a person's.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ha2g_jax.metrics.beats.strokes import stroke_beats
+from ha2g_jax.metrics.beats.times import minima
+from ha2g_jax.metrics.hands import (
+    MOVING,
+    UpperBody,
+    both_moving,
+    hand_distances,
+    one_moving,
+    row_bodies,
+    spread_of_directions,
+)
+from ha2g_jax.metrics.metric import GIVEAWAY, Metric
+from ha2g_jax.metrics.row import Row
+from ha2g_jax.metrics.uncertainty import Estimate, jackknife
+
+WINDOW, HOP = 5.0, 2.5  # seconds of a window and from one to the next
+MAX_FOLDS = 20  # parts that the recordings are divided into; each is left out once
+BLOCKS = 5  # parts of the time of one recording, if there is only one
+BANDS = (0.2, 0.6, 1.2, 2.4)  # Hz, lower edges of the bands of the speed's spectrum
+
+_SMALL = 1e-3  # metres, m/s, degrees: the logarithm of a quantity does not fall below that of this
+_AXES = ("lateral", "vertical", "depth")
+_OUTWARD = np.array([[1.0, 1, 1], [-1, 1, 1]])  # by hand: x away from the body
+
+Features = dict[str, float]
+
+
+def bimanual(body: UpperBody) -> Features:
+    """Return how the two hands go together."""
+    speeds, distances = body.speeds, hand_distances(body) / 100
+    mirrored = np.diff(body.wrists, axis=0) * _OUTWARD
+    means = np.sort(speeds.mean(axis=0))
+    together = {f"correlation, {axis}": _correlation(*mirrored[..., place].T) for place, axis in enumerate(_AXES)}
+    return {
+        "correlation of speeds": _correlation(*speeds.T),
+        **together,
+        "both moving": both_moving(body),
+        "one moving": one_moving(body),
+        "distance": _log(distances.mean()),
+        "distance sd": _log(distances.std()),
+        "slower over faster": _log(means[0]) - _log(means[1]),
+    }
+
+
+def extent(body: UpperBody) -> Features:
+    """Return how far each wrist moves in each direction."""
+    places = _to_shoulders(body)
+    ranges = np.quantile(places, 0.95, axis=0) - np.quantile(places, 0.05, axis=0)
+    return _of_hands("sd", _log(places.std(axis=0))) | _of_hands("range", _log(ranges))
+
+
+def place(body: UpperBody) -> Features:
+    """Return where the wrists are, from the middle of the shoulders on."""
+    places = _to_shoulders(body) * _OUTWARD
+    heights = {
+        f"{name} height": float(np.quantile(places[..., 1].mean(axis=1), quantile))
+        for name, quantile in (("upper", 0.05), ("lower", 0.95))
+    }
+    return _of_hands("mean", places.mean(axis=0)) | heights
+
+
+def rhythm(body: UpperBody) -> Features:
+    """Return how often and how regularly the hands move."""
+    speed = body.speeds.mean(axis=1)
+    intervals = np.diff(minima(speed).sample) / body.fps
+    power = np.square(np.abs(np.fft.rfft((speed - speed.mean()) * np.hanning(len(speed)))))
+    bands = np.digitize(np.fft.rfftfreq(len(speed), 1 / body.fps), BANDS)
+    total = power.sum() + 1e-9
+    shares = {
+        f"share from {edge:g} Hz": _log(power[bands == number].sum() / total)
+        for number, edge in enumerate(BANDS, start=1)
+    }
+    return {
+        "strokes a second": len(stroke_beats(body.wrists, body.fps)) / WINDOW,
+        "interval of minima": float(intervals.mean()) if len(intervals) else WINDOW,
+        "interval sd": float(intervals.std()) if len(intervals) else 0.0,
+        "speed sd over mean": float(speed.std() / (speed.mean() + _SMALL)),
+        **shares,
+    }
+
+
+def direction(body: UpperBody) -> Features:
+    """Return where the hands move at the fastest moment of each stroke in any direction."""
+    velocities = np.diff(body.wrists, axis=0) * body.fps * _OUTWARD
+    strokes = []
+    for side in (0, 1):
+        speed = body.speeds[:, side]
+        fastest = minima(-speed).sample
+        fastest = fastest[speed[fastest] > MOVING]
+        strokes.append(velocities[fastest, side] / speed[fastest, None])
+    units = np.concatenate([*strokes, np.zeros((1, 3))])[: max(1, sum(map(len, strokes)))]
+    return {f"share {axis}": float(np.abs(units[:, i]).mean()) for i, axis in enumerate(_AXES)} | {
+        f"mean {way}": float(units[:, i].mean()) for i, way in enumerate(("outward", "downward", "backward"))
+    }
+
+
+def head_and_trunk(body: UpperBody) -> Features:
+    """Return how far head and trunk turn and lean, and how fast."""
+    across = body.shoulders[:, 0] - body.shoulders[:, 1]
+    parts = {"head": body.head, "trunk": body.trunk, "shoulders": across}
+    features = {f"{name} sd": _log(spread_of_directions(vectors)) for name, vectors in parts.items()}
+    features["turn sd"] = _log(np.degrees(np.arctan2(across[:, 2], across[:, 0]).std()))
+    for name, vectors in parts.items():
+        steps = np.linalg.norm(np.diff(vectors, axis=0), axis=-1) / np.linalg.norm(vectors[1:], axis=-1)
+        features[f"{name} speed"] = _log(np.degrees(steps.mean()) * body.fps)
+    return features
+
+
+def smoothness(body: UpperBody) -> Features:
+    """Return jerk of the wrists, and how it goes with acceleration and speed."""
+    sizes = []
+    for order in (1, 2, 3):
+        differences = np.diff(body.wrists, n=order, axis=0) * body.fps**order
+        sizes.append(np.sort(_log(np.linalg.norm(differences, axis=-1).mean(axis=0))))
+    speed, acceleration, jerk = sizes
+    return {
+        f"{name} of the {which} hand": float(values[hand])
+        for name, values in (
+            ("jerk", jerk),
+            ("jerk over acceleration", jerk - acceleration),
+            ("acceleration over speed", acceleration - speed),
+        )
+        for hand, which in enumerate(("lesser", "greater"))
+    }
+
+
+GROUPS: dict[str, Callable[[UpperBody], Features]] = {
+    "bimanual": bimanual,
+    "extent": extent,
+    "place": place,
+    "rhythm": rhythm,
+    "direction": direction,
+    "head and trunk": head_and_trunk,
+    "smoothness": smoothness,
+}
+ALL = "all"
+
+
+def _log(values: np.ndarray | float) -> np.ndarray | float:
+    return np.log(np.maximum(values, _SMALL))
+
+
+def _correlation(first: np.ndarray, second: np.ndarray) -> float:
+    first, second = first - first.mean(), second - second.mean()
+    return float(first @ second / (np.sqrt(first @ first * (second @ second)) + 1e-9))
+
+
+def _to_shoulders(body: UpperBody) -> np.ndarray:
+    return body.wrists - body.shoulders.mean(axis=1, keepdims=True)
+
+
+def _of_hands(name: str, values: np.ndarray) -> Features:
+    """Name values (hands, axes) by axis and by the hand with the lesser and that with the greater value."""
+    values = np.sort(values, axis=0)
+    return {
+        f"{axis} {name}, {which}": float(values[hand, number])
+        for number, axis in enumerate(_AXES)
+        for hand, which in enumerate(("lesser", "greater"))
+    }
+
+
+class Windows(NamedTuple):
+    """Features (n, features) of windows; the clip, the recording and the start in seconds (n,) of each."""
+
+    features: np.ndarray
+    clips: np.ndarray
+    recordings: np.ndarray
+    starts: np.ndarray
+
+
+def columns(group: str) -> np.ndarray:
+    """Return the indices of the features of a group, or of `ALL`."""
+    names = feature_names()
+    return np.array([index for index, (owner, _) in enumerate(names) if group in (owner, ALL)])
+
+
+def feature_names() -> list[tuple[str, str]]:
+    """Return group and name of each feature, in order."""
+    rng = np.random.default_rng(0)
+    sample = UpperBody(*(rng.normal(size=(75, *shape)) for shape in ((2, 3), (2, 3), (3,), (3,))), 15.0)
+    return [(group, name) for group, function in GROUPS.items() for name in function(sample)]
+
+
+def windows_of(bodies: Sequence[UpperBody], clips: np.ndarray, recordings: np.ndarray) -> Windows:
+    """Return the windows of motions, given the index of the clip and of the recording (n,) of each."""
+    features, owners, starts = [], [], []
+    for number, body in enumerate(bodies):
+        length, hop = round(WINDOW * body.fps), round(HOP * body.fps)
+        for start in range(0, len(body.wrists) - length + 1, hop):
+            window = body.cut(start, start + length)
+            features.append([value for function in GROUPS.values() for value in function(window).values()])
+            owners.append(number)
+            starts.append(start / body.fps)
+    owner = np.array(owners, int)
+    return Windows(np.array(features), clips[owner], recordings[owner], np.array(starts))
+
+
+def told_apart(person: Windows, system: Windows, group: str = ALL) -> Estimate | None:
+    """Return the area under the ROC curve by which a system is told from a person, and its standard error.
+
+    The classifier is linear discriminant analysis with shrinkage, trained without one recording, or one of `MAX_FOLDS`
+    parts of many, and tested on it; the value is the mean over these folds by windows, the error that of the jackknife.
+    If all is of one recording, the folds are `BLOCKS` of its time, and windows that overlap the tested block are not
+    trained on. None where there are too few windows.
+    """
+    if not len(person.starts):
+        return None
+    folds = [_fold_of(side, person) for side in (person, system)]
+    used, areas = columns(group), []
+    for fold in np.unique(folds[0]):
+        tested = [mine == fold for mine in folds]
+        trained = [~_near(side, person, tested[0]) for side in (person, system)]
+        if min(mask.sum() for mask in (*tested, *trained)) < 1 or sum(mask.sum() for mask in trained) < 4:
+            continue
+        train, test = (
+            [side.features[mask][:, used] for side, mask in zip((person, system), masks, strict=True)]
+            for masks in (trained, tested)
+        )
+        weights = discriminant(*train)
+        areas.append((area_under_curve(test[0] @ weights, test[1] @ weights), tested[0].sum()))
+    if len(areas) < 2:
+        return None
+    return jackknife(
+        np.array(areas), lambda rows: float(np.average(rows[:, 0], weights=rows[:, 1])), np.arange(len(areas))
+    )
+
+
+def _fold_of(windows: Windows, person: Windows) -> np.ndarray:
+    """Return the fold of each window: its recording, or a block of time of the person's only one."""
+    if len(np.unique(person.recordings)) > 1:
+        return windows.recordings % MAX_FOLDS
+    keys = [tuple(key) for key in np.unique(np.stack([person.clips, person.starts], axis=1), axis=0).tolist()]
+    own = zip(windows.clips.tolist(), windows.starts.tolist(), strict=True)
+    return np.array([keys.index(key) * BLOCKS // len(keys) if key in keys else -1 for key in own])
+
+
+def _near(windows: Windows, person: Windows, is_tested: np.ndarray) -> np.ndarray:
+    """Return whether windows belong to the recordings that are tested, or overlap what is tested of the only one."""
+    if len(np.unique(person.recordings)) > 1:
+        return np.isin(windows.recordings, person.recordings[is_tested])
+    is_same = windows.clips[:, None] == person.clips[is_tested][None]
+    return (is_same & (np.abs(windows.starts[:, None] - person.starts[is_tested][None]) < WINDOW)).any(axis=1)
+
+
+def discriminant(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Return the weights (d,) of linear discriminant analysis between samples (n, d) and (m, d).
+
+    The covariance within the two sides, of features scaled to unit variance, is shrunk toward the identity by the rule
+    of Ledoit and Wolf (2004). A feature that does not vary has a small variance of its own.
+    """
+    means = [side.mean(axis=0) for side in (first, second)]
+    centred = np.concatenate([side - mean for side, mean in zip((first, second), means, strict=True)])
+    scale = np.maximum(centred.std(axis=0), 1e-6)
+    scaled = centred / scale
+    count, size = scaled.shape
+    covariance = scaled.T @ scaled / count
+    distance = np.sum(np.square(covariance - np.eye(size)))
+    noise = (np.mean(np.square(np.sum(np.square(scaled), axis=1))) - np.sum(np.square(covariance))) / count
+    shrinkage = 1.0 if distance <= noise else noise / distance
+    shrunk = (1 - shrinkage) * covariance + shrinkage * np.eye(size)
+    return np.linalg.lstsq(shrunk, (means[1] - means[0]) / scale, rcond=None)[0] / scale
+
+
+def area_under_curve(first: np.ndarray, second: np.ndarray) -> float:
+    """Return the probability that a score of the second (m,) is above one of the first (n,); a tie counts half."""
+    differences = second[:, None] - first[None]
+    return float(np.mean(differences > 0) + np.mean(differences == 0) / 2)
+
+
+def _row_windows(row: Row) -> Windows:
+    return windows_of(row.once(row_bodies), row.numbers, row.members)
+
+
+def _told_from_truth(group: str) -> Callable[[Row], Estimate | None]:
+    def measure(row: Row) -> Estimate | None:
+        truth = row.reference.truth
+        if row.directions is truth.directions:  # the person, or the person with other speech
+            return None
+        return told_apart(truth.once(_row_windows), row.once(_row_windows), group)
+
+    return measure
+
+
+GIVEAWAY_METRICS = tuple(
+    Metric(f"told_by_{group.replace(' ', '_')}", group, "", "lower", GIVEAWAY, 2, _told_from_truth(group))
+    for group in (*GROUPS, ALL)
+)

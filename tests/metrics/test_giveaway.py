@@ -1,0 +1,104 @@
+"""What tells two motions apart is found, and nothing where there is nothing; hands and head of motion known by hand."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ha2g_jax.metrics import giveaway, hands
+from ha2g_jax.metrics.giveaway import Windows, area_under_curve, discriminant, told_apart
+from ha2g_jax.metrics.hands import UpperBody
+from ha2g_jax.skeleton import load_skeleton
+
+FPS = 15.0
+SIZE = len(giveaway.feature_names())
+
+
+def swinging(seconds: float, sizes: tuple[float, float], period: float = 2.0, seed: int = 0) -> UpperBody:
+    """Wrists that swing to the side by sizes in metres around 0.3 m from the middle, with noise of 1 mm."""
+    time = np.arange(round(seconds * FPS)) / FPS
+    wrists = np.random.default_rng(seed).normal(0, 1e-3, (len(time), 2, 3))
+    wrists[..., 0] += (0.3, -0.3) + np.sin(2 * np.pi * time / period)[:, None] * sizes
+    shoulders = np.broadcast_to([[0.2, -0.3, 0], [-0.2, -0.3, 0]], wrists.shape)
+    ahead = np.broadcast_to([0.0, -1.0, -1.0], (len(time), 3))
+    return UpperBody(wrists, shoulders, ahead, ahead, FPS)
+
+
+def drawn(mean: float, seed: int, recordings: int = 8) -> Windows:
+    """Ten windows of each recording, whose first feature has this mean and unit variance, the others the mean 0."""
+    features = np.random.default_rng(seed).normal(size=(10 * recordings, SIZE))
+    features[:, 0] += mean
+    recording = np.repeat(np.arange(recordings), 10)
+    return Windows(features, recording, recording, np.tile(np.arange(10) * 5.0, recordings))
+
+
+def test_two_gaussians_have_the_area_of_their_distance():
+    first, second = drawn(0, 1, 40), drawn(1, 2, 40)
+    expected = (1 + math.erf(1 / 2)) / 2  # of one feature: Phi(1 / sqrt 2)
+    area = told_apart(first, second, "bimanual")
+    assert area is not None and abs(area.value - expected) < max(0.05, 3 * area.error)
+    nothing = told_apart(first, second, "extent")
+    assert nothing is not None and abs(nothing.value - 0.5) < 3 * nothing.error < 0.3
+
+
+def test_a_single_recording_is_divided_by_time_and_leaks_nothing():
+    # A feature that drifts over the recording tells neighbours in time, and nothing about who moves.
+    one = Windows(np.zeros((40, SIZE)), np.zeros(40, int), np.zeros(40, int), np.arange(40) * 2.5)
+    drift = np.repeat(np.random.default_rng(0).normal(size=(8, SIZE)), 5, axis=0)
+    person, system = (
+        one._replace(features=drift + np.random.default_rng(s).normal(0, 0.1, drift.shape)) for s in (1, 2)
+    )
+    area = told_apart(person, system)
+    assert area is not None and abs(area.value - 0.5) < 0.2
+    assert told_apart(person, system._replace(features=system.features + 1)).value > 0.95
+    few = Windows(*(values[:1] for values in one))
+    assert told_apart(few, few) is None
+
+
+def test_the_area_counts_pairs():
+    assert area_under_curve(np.array([0.0, 1.0]), np.array([1.0, 2.0])) == pytest.approx(3.5 / 4)
+
+
+@pytest.mark.parametrize("count", [4, 400])
+def test_the_discriminant_survives_more_features_than_samples(count):
+    rng = np.random.default_rng(0)
+    first, second = rng.normal(size=(2, count, 30))
+    second[:, 0] += 20
+    weights = discriminant(first, second)
+    assert np.isfinite(weights).all() and np.argmax(np.abs(weights)) == 0
+
+
+def test_groups_see_what_they_are_named_for():
+    person, system = (
+        [swinging(30, size, period, seed) for seed in range(4)] for size, period in (((0.1, -0.1), 2), ((0.1, -0.1), 1))
+    )
+    ids = np.arange(4)
+    areas = [giveaway.windows_of(bodies, ids, ids) for bodies in (person, system)]
+    assert told_apart(*areas, "rhythm").value == 1
+    assert told_apart(*areas, "place").value < 0.9
+    one_sided = giveaway.windows_of([swinging(30, (0.1, 0.0), 2, seed) for seed in range(4)], ids, ids)
+    assert told_apart(areas[0], one_sided, "bimanual").value == 1
+
+
+def test_hands_by_hand():
+    body = swinging(60, (0.2, -0.2))
+    assert hands.lateral_spread(body) == pytest.approx(100 * 0.2 / np.sqrt(2), rel=0.02)
+    assert hands.slower_wrist(body) == pytest.approx(4 * 0.2 / 2, rel=0.03)  # four times the size in each period
+    assert hands.hand_distances(body).mean() == pytest.approx(60, rel=0.02)
+    assert hands.nearest_segment(body) < 1  # the next period is alike
+    assert hands.both_moving(body) > 0.7 and hands.one_moving(body) < 0.1
+    one = swinging(60, (0.2, 0.0))
+    assert hands.both_moving(one) < 0.05 and hands.one_moving(one) > 0.7
+    assert math.isnan(hands.nearest_segment(body.cut(0, 45)))
+
+
+def test_the_head_deviates_by_its_turns_alike_in_both_skeletons():
+    angles = np.radians(10) * np.sin(np.linspace(0, 20 * np.pi, 1000))
+    turned = np.stack([np.sin(angles), 0 * angles, -np.cos(angles)], axis=-1)
+    assert hands.spread_of_directions(turned) == pytest.approx(10 / np.sqrt(2), rel=0.01)
+    for name in ("ted_expressive", "ted_gesture"):
+        skeleton = load_skeleton(name)
+        body = hands.upper_body(skeleton, skeleton.mean_pose[None], FPS)
+        assert (
+            body.wrists[0, 0, 0] > 0 > body.wrists[0, 1, 0] and (body.wrists[0, :, 2] < body.shoulders[0, :, 2]).all()
+        )
