@@ -42,7 +42,8 @@ class UpperBody(NamedTuple):
 
     def cut(self, start: int, end: int | None = None) -> "UpperBody":
         """Return the frames from `start` to `end`."""
-        return UpperBody(*(part[start:end] for part in self[:-1]), self.fps)
+        wrists, shoulders, trunk, head, fps = self
+        return UpperBody(wrists[start:end], shoulders[start:end], trunk[start:end], head[start:end], fps)
 
 
 def upper_body(skeleton: Skeleton, positions: np.ndarray, fps: float) -> UpperBody:

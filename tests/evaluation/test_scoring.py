@@ -23,12 +23,16 @@ def score(audio: np.ndarray, wrists: np.ndarray) -> dict:
     return {name.removeprefix("recording_"): score_as_json(found) for name, found in measure(row, "recording").items()}
 
 
-@pytest.fixture(scope="module")
-def audio() -> np.ndarray:
+def clicking(times: np.ndarray) -> np.ndarray:
     samples = np.random.default_rng(0).normal(0, 1e-4, SECONDS * 16000)
-    for time in CLICKS[CLICKS < SECONDS - 1]:
+    for time in times[times < SECONDS - 1]:
         samples[round(time * 16000) :][:800] += np.hanning(800)
     return samples.astype(np.float32)
+
+
+@pytest.fixture(scope="module")
+def audio() -> np.ndarray:
+    return clicking(CLICKS)
 
 
 def wrists_that_hit(hits: np.ndarray) -> np.ndarray:
@@ -56,9 +60,21 @@ def test_jitter_gains_nothing_and_stillness_has_no_beat(audio):
     assert still["f"]["value"] == still["gain"]["value"] == still["strokes_per_second"]["value"] == 0
 
 
+def test_motion_that_only_rests_in_the_pauses_gains_nothing_with_the_pauses_cut():
+    is_speech = np.isin(np.arange(SECONDS), [*range(6), *range(9, 12), *range(19, 28), *range(33, 39), *range(44, 48)])
+    spoken, random = (
+        times[times < SECONDS][is_speech[times[times < SECONDS].astype(int)]]
+        for times in (CLICKS, np.cumsum(np.random.default_rng(0).uniform(0.6, 1.2, 60)))
+    )
+    chance, true = (score(clicking(spoken), wrists_that_hit(hits)) for hits in (random, spoken))
+    assert chance["gain"]["value"] > 0.05
+    assert abs(chance["speech_gain"]["value"]) < 2 * chance["speech_gain"]["error"]
+    assert true["speech_gain"]["value"] > 0.3
+
+
 def test_silence_and_short_sound_are_undefined_not_wrong(audio):
     silent = score(np.zeros(20 * 16000, np.float32), wrists_that_hit(CLICKS[:-4]))
-    assert silent["f"]["value"] is silent["gain"]["value"] is None
+    assert silent["f"]["value"] is silent["gain"]["value"] is silent["speech_gain"]["value"] is None
     assert silent["strokes_per_second"]["value"] > 0
     short = score(audio[: 5 * 16000], wrists_that_hit(CLICKS[:-4]))
     assert short["f"]["value"] > 0 and short["gain"]["value"] is None
@@ -72,7 +88,7 @@ def test_a_file_has_results_of_the_same_shape(audio, debug_model, tmp_path, monk
     assert list(results["sections"]) == ["speech.wav"] and results["inputs"]["checkpoint"] == "any"
     assert section["recording"]["rows"]["model"]["recording_gain"]["value"] is not None
     for text in (as_table(results), as_markdown(results)):
-        assert "F mismatched" in text and "rotated in time" in text
+        assert "F mismatched" in text and "rotated in time" in text and "nearest segment cm" in text
     soundfile.write(tmp_path / "short.wav", audio[: 3 * 16000], 16000)
     with pytest.raises(UserError, match=r"3\.0 s of sound; expected at least 10 s"):
         evaluate_recording("any", tmp_path / "short.wav")

@@ -24,6 +24,12 @@ def swinging(seconds: float, sizes: tuple[float, float], period: float = 2.0, se
     return UpperBody(wrists, shoulders, ahead, ahead, FPS)
 
 
+def area(person: Windows, system: Windows, group: str = giveaway.ALL) -> float:
+    found = told_apart(person, system, group)
+    assert found is not None
+    return found.value
+
+
 def drawn(mean: float, seed: int, recordings: int = 8) -> Windows:
     """Ten windows of each recording, whose first feature has this mean and unit variance, the others the mean 0."""
     features = np.random.default_rng(seed).normal(size=(10 * recordings, SIZE))
@@ -35,23 +41,20 @@ def drawn(mean: float, seed: int, recordings: int = 8) -> Windows:
 def test_two_gaussians_have_the_area_of_their_distance():
     first, second = drawn(0, 1, 40), drawn(1, 2, 40)
     expected = (1 + math.erf(1 / 2)) / 2  # of one feature: Phi(1 / sqrt 2)
-    area = told_apart(first, second, "bimanual")
-    assert area is not None and abs(area.value - expected) < max(0.05, 3 * area.error)
+    assert area(first, second, "bimanual") == pytest.approx(expected, abs=0.05)
     nothing = told_apart(first, second, "extent")
     assert nothing is not None and abs(nothing.value - 0.5) < 3 * nothing.error < 0.3
 
 
 def test_a_single_recording_is_divided_by_time_and_leaks_nothing():
-    # A feature that drifts over the recording tells neighbours in time, and nothing about who moves.
-    one = Windows(np.zeros((40, SIZE)), np.zeros(40, int), np.zeros(40, int), np.arange(40) * 2.5)
+    # Features that drift over the recording tell moments apart, and nothing about who moves.
     drift = np.repeat(np.random.default_rng(0).normal(size=(8, SIZE)), 5, axis=0)
-    person, system = (
-        one._replace(features=drift + np.random.default_rng(s).normal(0, 0.1, drift.shape)) for s in (1, 2)
-    )
-    area = told_apart(person, system)
-    assert area is not None and abs(area.value - 0.5) < 0.2
-    assert told_apart(person, system._replace(features=system.features + 1)).value > 0.95
-    few = Windows(*(values[:1] for values in one))
+    noise = np.random.default_rng(1).normal(0, 0.1, (2, *drift.shape))
+    none, starts = np.zeros(40, int), np.arange(40) * 2.5
+    person, system = (Windows(drift + side, none, none, starts) for side in noise)
+    assert abs(area(person, system) - 0.5) < 0.2
+    assert area(person, system._replace(features=system.features + 1)) > 0.95
+    few = Windows(drift[:1], none[:1], none[:1], starts[:1])
     assert told_apart(few, few) is None
 
 
@@ -69,15 +72,13 @@ def test_the_discriminant_survives_more_features_than_samples(count):
 
 
 def test_groups_see_what_they_are_named_for():
-    person, system = (
-        [swinging(30, size, period, seed) for seed in range(4)] for size, period in (((0.1, -0.1), 2), ((0.1, -0.1), 1))
-    )
-    ids = np.arange(4)
-    areas = [giveaway.windows_of(bodies, ids, ids) for bodies in (person, system)]
-    assert told_apart(*areas, "rhythm").value == 1
-    assert told_apart(*areas, "place").value < 0.9
-    one_sided = giveaway.windows_of([swinging(30, (0.1, 0.0), 2, seed) for seed in range(4)], ids, ids)
-    assert told_apart(areas[0], one_sided, "bimanual").value == 1
+    def windows(sizes: tuple[float, float], period: float) -> Windows:
+        return giveaway.windows_of([swinging(30, sizes, period, seed) for seed in range(4)], np.arange(4), np.arange(4))
+
+    person = windows((0.1, -0.1), 2)
+    assert area(person, windows((0.1, -0.1), 1), "rhythm") == 1
+    assert area(person, windows((0.1, -0.1), 1), "place") < 0.9
+    assert area(person, windows((0.1, 0.0), 2), "bimanual") == 1
 
 
 def test_hands_by_hand():

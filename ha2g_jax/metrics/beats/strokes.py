@@ -13,7 +13,16 @@ from typing import NamedTuple
 import numpy as np
 
 from ha2g_jax.metrics.beats.alignment import harmonic_mean
-from ha2g_jax.metrics.beats.times import ONSET_RATE, SIGMA, audio_onsets, deep_minima, kernel, nearest
+from ha2g_jax.metrics.beats.times import (
+    ONSET_RATE,
+    SIGMA,
+    audio_onsets,
+    cut_pauses,
+    deep_minima,
+    kernel,
+    nearest,
+    speech_spans,
+)
 from ha2g_jax.metrics.hands import UpperBody
 from ha2g_jax.metrics.metric import RECORDING, Direction, Metric, Score
 from ha2g_jax.metrics.uncertainty import Estimate, jackknife
@@ -148,11 +157,18 @@ def kernel_f(sums: np.ndarray) -> float:
 
 
 class RecordingRow(NamedTuple):
-    """What is compared in one motion for one recording, of a length in seconds: sums (segments, 1 + shifts, 4) of
-    `Kernels` of each segment with an onset, with the sound and with each shift of it; and the body that moves.
+    """What is compared in one motion for one recording.
+
+    Attributes:
+        sums: (segments, 1 + shifts, 4) `Kernels` of each segment, with the sound and with each shift of it; no segments
+            without an onset.
+        speech_sums: the same where the pauses are cut out of sound and motion before the sound is shifted.
+        seconds: length of what is compared.
+        body: what moves.
     """
 
     sums: np.ndarray
+    speech_sums: np.ndarray
     num_onsets: int
     num_beats: int
     seconds: float
@@ -163,19 +179,31 @@ def recording_row(audio: np.ndarray, body: UpperBody, first_frame: int = 4) -> R
     """Compare the strokes of the hands with the onsets of a recording (samples,) at 16 kHz and of its shifts.
 
     The mismatched sound is the recording itself, rotated in time by 4, 6, 8, ... seconds: the rhythm is the same, the
-    onsets are elsewhere. The first frame of the body that is scored is `first_frame`.
+    onsets are elsewhere. Motion that only rests in the pauses gains by this; with the pauses cut out it does not. The
+    first frame of the body that is scored is `first_frame`.
     """
-    wrists, fps = body.wrists, body.fps
-    start, end = first_frame / fps, min(len(audio) / ONSET_RATE, len(wrists) / fps)
-    onsets, moves = (x[(x >= start) & (x < end)] for x in (audio_onsets(audio, end), stroke_beats(wrists, fps)))
-    length = end - start
-    shifts = np.arange(2 * SHIFT, length - 2 * SHIFT, SHIFT)
-    sounds = [onsets, *(np.sort((onsets - start + shift) % length + start) for shift in shifts)]
-    edges = np.linspace(start, end, max(1, round(length / SEGMENT)) + 1)
-    sums = np.array([[kernels(x, moves, *edge) for x in sounds] for edge in itertools.pairwise(edges)])
+    start, end = first_frame / body.fps, min(len(audio) / ONSET_RATE, len(body.wrists) / body.fps)
+    times = (audio_onsets(audio, end), stroke_beats(body.wrists, body.fps))
+    onsets, moves = (x[(x >= start) & (x < end)] - start for x in times)
+    spans = np.clip(speech_spans(audio) - start, 0, end - start)
+    within = (cut_pauses(x, spans) for x in (onsets, moves))
     return RecordingRow(
-        sums if len(onsets) else sums[:0], len(onsets), len(moves), length, body.cut(first_frame, round(end * fps))
+        _shifted_sums(onsets, moves, end - start),
+        _shifted_sums(*within, float(np.sum(spans[:, 1] - spans[:, 0]))),
+        len(onsets),
+        len(moves),
+        end - start,
+        body.cut(first_frame, round(end * body.fps)),
     )
+
+
+def _shifted_sums(onsets: np.ndarray, moves: np.ndarray, length: float) -> np.ndarray:
+    """Return the sums (segments, 1 + shifts, 4) of times in seconds from 0 to a length; no segments without onsets."""
+    shifts = np.arange(2 * SHIFT, length - 2 * SHIFT, SHIFT)
+    sounds = [onsets, *(np.sort((onsets + shift) % length) for shift in shifts)]
+    edges = np.linspace(0, length, max(1, round(length / SEGMENT)) + 1)
+    sums = np.array([[kernels(x, moves, *edge) for x in sounds] for edge in itertools.pairwise(edges)])
+    return sums if len(onsets) else sums[:0]
 
 
 def _own(sums: np.ndarray) -> float:
@@ -188,9 +216,17 @@ def _mismatched(sums: np.ndarray) -> float:
     return float(np.mean([kernel_f(sums[:, shift]) for shift in range(1, sums.shape[1])]))
 
 
+def _gain(sums: np.ndarray) -> float:
+    return _own(sums) - _mismatched(sums)
+
+
 def _by_segment(statistic: Callable[[np.ndarray], float]) -> Callable[[RecordingRow], Estimate]:
     """Return a measure whose standard error is by segments of 5 seconds."""
     return lambda row: jackknife(row.sums, statistic, np.arange(len(row.sums)))
+
+
+def _speech_gain(row: RecordingRow) -> Estimate:
+    return jackknife(row.speech_sums, _gain, np.arange(len(row.speech_sums)))
 
 
 def _metric(
@@ -200,7 +236,8 @@ def _metric(
 
 
 RECORDING_METRICS = (
-    _metric("gain", "gain", "higher", 3, _by_segment(lambda sums: _own(sums) - _mismatched(sums))),
+    _metric("gain", "gain", "higher", 3, _by_segment(_gain)),
+    _metric("speech_gain", "gain, pauses cut", "higher", 3, _speech_gain),
     _metric("f", "F", "higher", 3, _by_segment(_own)),
     _metric("f_mismatched", "F mismatched", "none", 3, _by_segment(_mismatched)),
     _metric("onsets_per_second", "onsets", "none", 2, lambda row: row.num_onsets / row.seconds, "/s"),

@@ -18,7 +18,11 @@ SIGMA = 0.1  # seconds, width of the kernel between onsets and motion beats
 ONSET_RATE = 16000  # samples per second of the sound that onsets are found in
 SILENCE_DB = -60.0  # re full scale: a clip in which no 64 ms are louder has no onsets
 
+SPEECH_DB = -30.0  # of sound re the loud moments
+SPEECH_MARGIN = 0.3  # seconds around such sound that are still speech
+
 _LOUDNESS_BLOCK = 1024  # samples
+_SPEECH_BLOCK = 320
 _MIN_SAMPLES = 2048  # that the spectrogram of the onset detector needs
 
 
@@ -116,6 +120,31 @@ def audio_onsets(audio: np.ndarray, duration: float) -> np.ndarray:
     padded = np.pad(np.asarray(audio, np.float32), (0, max(0, _MIN_SAMPLES - len(audio))))
     times = detect_onsets(padded)
     return times[times < duration]
+
+
+def speech_spans(audio: np.ndarray) -> np.ndarray:
+    """Return start and end in seconds, (n, 2), of the stretches of speech of samples at 16 kHz; the rest are pauses.
+
+    Speech is what lies within `SPEECH_MARGIN` of 20 ms of sound above `SPEECH_DB` re the mean power weighted by itself,
+    which pauses do not change.
+    """
+    blocks = np.asarray(audio[: len(audio) // _SPEECH_BLOCK * _SPEECH_BLOCK], np.float64).reshape(-1, _SPEECH_BLOCK)
+    power = np.mean(np.square(blocks), axis=1)
+    if not power.any():
+        return np.zeros((0, 2))
+    threshold = power @ power / power.sum() * 10 ** (SPEECH_DB / 10)
+    loud = np.flatnonzero(power > threshold) * _SPEECH_BLOCK / ONSET_RATE
+    is_last = np.append(np.diff(loud) > 2 * SPEECH_MARGIN, True)
+    starts, ends = loud[np.roll(is_last, 1)] - SPEECH_MARGIN, loud[is_last] + SPEECH_MARGIN
+    return np.clip(np.stack([starts, ends], axis=-1), 0, len(audio) / ONSET_RATE)
+
+
+def cut_pauses(times: np.ndarray, spans: np.ndarray) -> np.ndarray:
+    """Return the times that lie within spans (n, 2), in seconds of the spans' time: what is between them is cut out."""
+    before = np.cumsum(spans[:, 1] - spans[:, 0]) - (spans[:, 1] - spans[:, 0])
+    is_inside = (times[:, None] >= spans[:, 0]) & (times[:, None] < spans[:, 1])
+    time, span = np.nonzero(is_inside)
+    return times[time] - spans[span, 0] + before[span]
 
 
 @functools.cache

@@ -1,8 +1,12 @@
-"""Parts of librosa are compiled by one process at a time, however many begin at once."""
+"""Parts of librosa are compiled by one process at a time; pauses are found and cut out."""
 
 import os
 import subprocess
 import sys
+
+import numpy as np
+
+from ha2g_jax.metrics.beats import times
 
 PROGRAM = """
 import numpy as np
@@ -21,3 +25,18 @@ def test_processes_that_begin_at_once_share_one_good_store(tmp_path):
     assert any((tmp_path / "numba").rglob("*.nbi"))
     again = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     assert again.stdout.strip() == found[0]
+
+
+def test_pauses_are_what_is_far_from_loud_sound():
+    audio = np.random.default_rng(0).normal(0, 1e-3, 10 * 16000)
+    for start, end in ((1, 2), (2.5, 3), (6, 8)):
+        audio[int(start * 16000) : int(end * 16000)] *= 100
+    spans = times.speech_spans(audio)
+    np.testing.assert_allclose(spans, [(0.7, 3.3), (5.7, 8.3)], atol=0.03)
+    assert not len(times.speech_spans(np.zeros(16000)))
+
+
+def test_pauses_are_cut_out_of_times():
+    spans = np.array([(1.0, 3.0), (5.0, 6.0)])
+    np.testing.assert_allclose(times.cut_pauses(np.array([0.5, 1, 2.5, 4, 5.25, 6, 7]), spans), [0, 1.5, 2.25])
+    assert not len(times.cut_pauses(np.array([1.0]), np.zeros((0, 2))))
