@@ -230,7 +230,7 @@ def _add_make_talk(data: Any) -> None:
     command.add_argument("--fps", type=positive, default=15, metavar="N", help="frames per second (default: 15)")
     command.add_argument(
         "--synthesiser",
-        choices=("espeak-ng", "flite"),
+        choices=("espeak-ng", "flite", "both"),
         default="espeak-ng",
         help="program that speaks; flite is a library of the system, see docs/talk.md (default: espeak-ng)",
     )

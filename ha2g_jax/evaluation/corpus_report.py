@@ -385,7 +385,7 @@ def wrist_motion(skeleton: Skeleton, motions: Sequence[np.ndarray], fps: float) 
 def _causes(corpus: Corpus) -> Iterator[str]:
     """Make the section on what causes the motion of a Talk corpus, and what its speakers look like."""
     clips = _training(corpus)
-    if not clips or not all(fields["style"] and fields["strokes"] for fields in clips):
+    if not clips or not all(fields["style"] for fields in clips):
         return
     minutes = sum(len(fields["positions"]) for fields in clips) / corpus.fps / 60
     kinds = collections.Counter(stroke.kind for fields in clips for stroke in fields["strokes"])

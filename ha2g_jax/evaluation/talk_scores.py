@@ -121,7 +121,7 @@ def score_known_causes(
     for name, limit in limits.items():
         clips = corpus.clips(name)
         chosen[name] = [clips[index] for index in sample(len(clips), limit, seed)]
-        if not all(clip.strokes and clip.style for clip in chosen[name]):
+        if not all(clip.style for clip in chosen[name]):
             raise UserError(f"{corpus.path} ({name}) does not know its strokes; expected one of `ha2g data make-talk`")
     num_clips = sum(map(len, chosen.values()))
     num_probed = num_clips + min(_MAX_PROBE_CLIPS, len(corpus.clips(TRAIN))) if model.has_audio_levels else 0
@@ -153,7 +153,8 @@ def _score_split(
         add(MODEL, truth, directions)
         if model.reads_words:
             add(WORDLESS, truth, generate_clip(model, clip, style, seed + index, has_words=False))
-        again = teacher.perform(clip.audio, clip.words, Style(*clip.style), np.random.default_rng([seed, index]), fps)
+        heard = clip.audio if clip.words else np.zeros_like(clip.audio)  # the teacher rests while nobody speaks
+        again = teacher.perform(heard, clip.words, Style(*clip.style), np.random.default_rng([seed, index]), fps)
         add(TEACHER, truth, positions_to_directions(skeleton, again.positions))
         add(STILL, truth, np.broadcast_to(skeleton.mean_directions, directions.shape))
         progress.update()

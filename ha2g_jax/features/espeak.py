@@ -31,20 +31,24 @@ LANGUAGES = ("en-us", "en-us", "en-us", "en-us-nyc", "en", "en-029", "en-gb-x-rp
 MALE_VARIANTS = (
     *("m1", "m2", "m3", "m4", "m5", "m6", "m7", "m8", "adam", "david", "edward", "robert", "paul", "Gene"),
     *("Alex", "Andy", "Lee", "Michael", "benjamin", "john", "max", "miguel", "quincy", "victor", "klatt", "klatt4"),
+    *("Denis", "Diogo", "Gene2", "Henrique", "Jacky", "Mario", "Nguyen", "Reed", "boris", "ed", "edward2", "grandpa"),
+    *("gustave", "iven3", "kaukovalta", "klatt3", "klatt5", "klatt6", "marcelo", "michel", "mike2", "norbert"),
+    *("pablo", "pedro", "rob", "sandro", "travis"),
 )
 FEMALE_VARIANTS = (
     *("f1", "f2", "f3", "f4", "f5", "steph", "linda", "belinda", "Annie", "anika"),
-    *("Alicia", "Andrea", "aunty", "grandma", "shelby", "steph2"),
+    *("Alicia", "Andrea", "aunty", "grandma", "shelby", "steph2", "steph3"),
 )
 
-_TOKEN = re.compile(r"<[^>]*>|(?P<word>[^\W_]+(?:['’-][^\W_]+)*)")
+_LETTER = r"(?:[^\W_]|[\u0900-\u0963])"  # \w has no vowel signs of Devanagari
+_TOKEN = re.compile(rf"<[^>]*>|(?P<word>{_LETTER}+(?:['’-]{_LETTER}+)*)")
 
 
 class Voice(NamedTuple):
     """A speaker's voice in the terms of espeak-ng.
 
     Attributes:
-        language: accent, espeak-ng's name of a variety of English, such as "en-us".
+        language: espeak-ng's name of a language or of a variety of English, such as "en-us".
         variant: timbre, one of espeak-ng's voice variants.
         pitch: base pitch, 0 to 100; 50 is the default of the variant.
         pitch_range: liveliness of the intonation, 0 (monotone) to 100.
@@ -59,15 +63,15 @@ class Voice(NamedTuple):
 
 
 def sample_voice(rng: np.random.Generator) -> Voice:
-    """Draw a random voice; female and male voices are equally likely."""
+    """Draw a random voice that speaks English; female and male voices are equally likely."""
     is_male = rng.random() < 0.5
     return Voice(
         language=str(rng.choice(LANGUAGES)),
         variant=str(rng.choice(MALE_VARIANTS if is_male else FEMALE_VARIANTS)),
         # The female variants are tuned high already.
-        pitch=int(rng.integers(15, 81) if is_male else rng.integers(10, 56)),
-        pitch_range=int(rng.integers(40, 100)),
-        rate=int(rng.integers(135, 211)),
+        pitch=int(rng.integers(10, 91) if is_male else rng.integers(5, 66)),
+        pitch_range=int(rng.integers(20, 100)),
+        rate=int(rng.integers(105, 261)),
     )
 
 

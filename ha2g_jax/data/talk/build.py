@@ -6,8 +6,8 @@ import math
 import os
 import pathlib
 import sys
-from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import tqdm
@@ -16,20 +16,23 @@ from ha2g_jax.data import records
 from ha2g_jax.data.corpus import TALK, TALK_VERSION, corpus_folder
 from ha2g_jax.data.corpus_writer import MAX_FPS, MIN_FPS, CorpusWriter
 from ha2g_jax.data.processes import parallel_map
-from ha2g_jax.data.talk import grammar
+from ha2g_jax.data.talk import backgrounds, grammar
 from ha2g_jax.data.talk.speakers import (
     DEFAULT_SEED,
     DEFAULT_SPEAKERS,
     DEFAULT_SYNTHESISER,
     SYNTHESISERS,
     Speaker,
+    Voice,
     draw_speakers,
     num_unseen,
     portrait,
+    sample_voice,
+    say,
 )
 from ha2g_jax.errors import UserError
-from ha2g_jax.features import espeak as speech
 from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.features.espeak import Utterance
 from ha2g_jax.features.text import Word
 from ha2g_jax.files.cache import one_maker
 from ha2g_jax.files.reading import shown
@@ -44,19 +47,29 @@ _DEFAULT_MINUTES = 144
 _CLIP_SECONDS = (10.0, 19.0)  # a clip lasts until the end of the sentence at this time, some seconds longer
 _MEAN_CLIP_SECONDS = 17.8
 _LONG_PAUSE, _LONG_PAUSE_SECONDS = 0.15, (2.0, 6.0)  # probability of a long pause between sentences, its duration
+_LATE = 0.1  # probability that a varied clip begins with a long pause
+_GAP = 0.04  # most seconds between two words of speech without pauses
+_TURN = 0.6  # probability that the other one of two people goes on after a sentence
 _CLIPS_PER_RECORDING = 2
 # Of a core of a server of 2023, and of the disk, for one minute of speech.
 _SECONDS_PER_MINUTE, _MEGABYTES_PER_MINUTE = 2.1, 1.7
 # Fractions of the recordings.
 _UNSEEN_RECORDINGS, _TEST_RECORDINGS, _VAL_RECORDINGS = 1 / 11, 1 / 11, 1 / 17
 
+# Recordings of speech that is like that of the other splits, and those of other kinds with their fractions.
+_SPEECH, _KINDS = "speech", {"rest": 1 / 12, "two people": 1 / 12, "no pauses": 1 / 12}
+_VARIED = ("train", "val")  # splits that have those kinds, other languages, and sound behind the speech
+
 _REFERENCE_FRAMES = 7  # the largest M of Table 11
-_PEAK = 0.7
-_NOISE_DB = (-75.0, -50.0)  # background noise, relative to full scale
+_PEAK_DB = (-0.3, -40.0)  # of speech, relative to full scale; four of five are above -20
+_NOISE_DB = (-72.0, -47.0)  # power of the noise of the room, relative to the peak of the speech
+_BACKGROUND, _BACKGROUND_DB = 0.25, (-30.0, -5.0)  # probability of louder noise or of music, relative to the speech
+_REST_DB, _SILENT = (-10.0, -90.0), 0.15  # level of noise or music alone; the probability of none, of rest
+_PARTNER_DB = (-6.0, 6.0)  # level of the other one of two people
 
 _VAL_STRIDE = 7
 
-_RECORDING_SEEDS = 1  # first number of spawn keys; those of `speakers` have 0
+_RECORDING_SEEDS, _KIND_SEEDS = 1, 2  # first numbers of spawn keys; those of `speakers` have 0
 
 
 class _RecordingPlan(NamedTuple):
@@ -64,7 +77,7 @@ class _RecordingPlan(NamedTuple):
 
     name: str
     split: str
-    synthesiser: str
+    kind: str
     speaker: Speaker
     num_clips: int
     seed: np.random.SeedSequence
@@ -84,8 +97,9 @@ def make_talk(
 
     Equal arguments give equal bytes, whatever the number of workers, which is one per core by default; the speech does
     not depend on the frames per second of the motion. One speaker in six occurs only in the split
-    `test_unseen_speakers`, with a new voice and a style between two styles of training. Nothing is left of the folder
-    if the work is interrupted. The voices are those of one of `SYNTHESISERS`.
+    `test_unseen_speakers`, with a new voice and a style between two styles of training. The splits `train` and `val`
+    also have other languages, noise and music, with speech and alone, two people in turn, and speech without pauses.
+    Nothing is left of the folder if the work is interrupted. The voices are those of one of `SYNTHESISERS`.
 
     Raises:
         UserError: `out` exists or cannot be written, there are too few speakers or minutes for all splits, a number is
@@ -101,7 +115,7 @@ def make_talk(
     metadata = {
         "name": TALK_VERSION,
         "source": f"ha2g data make-talk --speakers {speakers} --minutes {minutes:g} --seed {seed}{options}",
-        "licence": SYNTHESISERS[synthesiser].licence,
+        "licence": SYNTHESISERS[synthesiser],
     }
     workers = min(workers or os.cpu_count() or 1, len(plans))
     with (
@@ -144,8 +158,8 @@ def _check(num_speakers: int, minutes: float, seed: int, fps: int, synthesiser: 
     for name, (value, least, most) in limits.items():
         if not least <= value <= most:  # NaN is not
             raise UserError(f"--{name} is {shown(str(value))}, expected {least} to {most:,}")
-    voice = SYNTHESISERS[synthesiser].sample_voice(np.random.default_rng(0))
-    SYNTHESISERS[synthesiser].say("ready.", voice)  # fails here if it is not installed, and not in the workers
+    for speaker in draw_speakers(3, 0, seed, synthesiser):
+        say("ready.", speaker.voice)  # fails here if the synthesiser is not installed, and not in the workers
 
 
 def _say_how_long(minutes: float, workers: int) -> None:
@@ -177,15 +191,23 @@ def _plan(num_speakers: int, minutes: float, seed: int, synthesiser: str) -> lis
 
     speakers = draw_speakers(seen, unseen, seed, synthesiser)
     plans: list[_RecordingPlan] = []
-    for key, split in enumerate(SPLITS):
-        pool = speakers[seen:] if split == "test_unseen_speakers" else speakers[:seen]
+    english = [speaker for speaker in speakers[:seen] if speaker.language == grammar.ENGLISH]
+    pools = {"train": speakers[:seen], "val": speakers[:seen], "test": english, "test_unseen_speakers": speakers[seen:]}
+    for key, (split, pool) in enumerate(pools.items()):
+        kinds = _draw_kinds(counts[split], np.random.SeedSequence(seed, spawn_key=(_KIND_SEEDS, key)))
         # With a stride of its own, val takes other speakers than test, and each once before any twice.
         stride = _coprime(len(pool), _VAL_STRIDE) if split == "val" else 1
         for number in range(counts[split]):
             speaker = pool[number * stride % len(pool)]
             own_seed = np.random.SeedSequence(seed, spawn_key=(_RECORDING_SEEDS, key, number))
-            plans.append(_RecordingPlan(f"{split}-{number:04d}", split, synthesiser, speaker, clips_each, own_seed))
+            kind = kinds[number] if split in _VARIED else _SPEECH
+            plans.append(_RecordingPlan(f"{split}-{number:04d}", split, kind, speaker, clips_each, own_seed))
     return plans
+
+
+def _draw_kinds(count: int, seed: np.random.SeedSequence) -> list[str]:
+    kinds = [kind for kind, fraction in _KINDS.items() for _ in range(round(fraction * count))]
+    return np.random.default_rng(seed).permutation(kinds + [_SPEECH] * (count - len(kinds))).tolist()
 
 
 def _coprime(number: int, least: int) -> int:
@@ -198,16 +220,21 @@ def _make_clips(plan: _RecordingPlan, fps: int) -> list[bytes]:
 
     speech_rng, noise_rng, motion_rng = (np.random.default_rng(seed) for seed in plan.seed.spawn(3))
     length, stride = (records.frames_at(frames, fps) for frames in (records.WINDOW_FRAMES, records.WINDOW_STRIDE))
-    style, sentences = plan.speaker.style, grammar.sentences(speech_rng)
-    say = SYNTHESISERS[plan.synthesiser].say
-    noise_level = 10 ** (noise_rng.uniform(*_NOISE_DB) / 20)
+    style, language = plan.speaker.style, plan.speaker.language
+    sentences, voices = grammar.sentences(speech_rng, language), [plan.speaker.voice]
+    if plan.kind == "two people":
+        voices.append(sample_voice(speech_rng, language))
+    room_db = noise_rng.uniform(*_NOISE_DB)
     clips: list[bytes] = []
     time = 0.0
     for index in range(plan.num_clips):
-        audio, words = _speak(sentences, say, plan.speaker.voice, speech_rng)
-        # Rounded as it will be stored, so that the teacher gets the samples that the model will get.
-        audio = np.round((audio + noise_level * _pink_noise(len(audio), noise_rng)) * 2**15) / np.float32(2**15)
-        positions, strokes = teacher.perform(audio, words, style, motion_rng, fps)
+        if plan.kind == "rest":
+            audio, words = _rest(noise_rng), ()
+            heard = np.zeros_like(audio)
+        else:
+            speech, words = _speak(sentences, voices, plan, speech_rng)
+            audio, heard = _mix(speech, room_db, plan.split in _VARIED, noise_rng)
+        positions, strokes = teacher.perform(heard, words, style, motion_rng, fps)
         clip = records.Clip(
             id=f"{plan.name}-{index}",
             speaker=plan.speaker.name,
@@ -227,27 +254,82 @@ def _make_clips(plan: _RecordingPlan, fps: int) -> list[bytes]:
 
 
 def _speak(
-    sentences: Iterator[str], say: Callable[[str, Any], speech.Utterance], voice: Any, rng: np.random.Generator
+    sentences: Iterator[str], voices: Sequence[Voice], plan: _RecordingPlan, rng: np.random.Generator
 ) -> tuple[np.ndarray, tuple[Word, ...]]:
-    """Speak sentences with pauses between them, enough for one clip: (samples,) float32 and the words."""
+    """Speak sentences with pauses between them, enough for one clip: (samples,) float32 with a peak of 1, and words."""
     target = round(rng.uniform(*_CLIP_SECONDS) * SAMPLE_RATE)
-    audio = np.zeros(round(rng.uniform(0.2, 0.6) * SAMPLE_RATE), np.float32)
+    is_late = plan.split in _VARIED and rng.random() < _LATE
+    length = round(rng.uniform(*(_LONG_PAUSE_SECONDS if is_late else (0.2, 0.6))) * SAMPLE_RATE)
+    turns: list[tuple[int, int, np.ndarray]] = []  # number of the voice, first sample, samples
     words: list[Word] = []
-    while len(audio) < target:
-        start = len(audio) / SAMPLE_RATE
-        utterance = say(next(sentences), voice)
+    speaking = 0
+    while length < target:
+        start = length / SAMPLE_RATE
+        utterance = say(next(sentences), voices[speaking])
+        if plan.kind == "no pauses":
+            utterance = _without_gaps(utterance)
         words += [Word(word.text, start + word.start, start + word.end) for word in utterance.words]
         # A synthesiser ends every sentence with the same silence; people do not.
         spoken = utterance.audio[: round(utterance.words[-1].end * SAMPLE_RATE)]
+        turns.append((speaking, length, spoken))
         is_long, short, long = rng.random() < _LONG_PAUSE, rng.gamma(4, 0.12), rng.uniform(*_LONG_PAUSE_SECONDS)
-        pause = np.zeros(round((long if is_long else short) * SAMPLE_RATE), np.float32)
-        audio = np.concatenate([audio, spoken, pause])
-    return audio * (_PEAK / np.abs(audio).max()), tuple(words)
+        pause = _GAP if plan.kind == "no pauses" else long if is_long else short
+        length += len(spoken) + round(pause * SAMPLE_RATE)
+        if len(voices) > 1 and rng.random() < _TURN:
+            speaking = 1 - speaking
+    tracks = np.zeros((len(voices), length), np.float32)
+    for speaking, first, spoken in turns:
+        tracks[speaking, first : first + len(spoken)] = spoken
+    tracks /= np.maximum(np.abs(tracks).max(axis=1, keepdims=True), 1e-6)
+    tracks[1:] *= 10 ** (rng.uniform(*_PARTNER_DB) / 20) if len(voices) > 1 else 1
+    audio = tracks.sum(axis=0)
+    return audio / np.abs(audio).max(), tuple(words)
 
 
-def _pink_noise(num_samples: int, rng: np.random.Generator) -> np.ndarray:
-    """Draw background noise, (num_samples,) float32 of standard deviation 1."""
-    spectrum = np.fft.rfft(rng.standard_normal(num_samples))
-    spectrum /= np.sqrt(np.arange(len(spectrum)) + 100.0)
-    noise = np.fft.irfft(spectrum, num_samples)
-    return (noise / noise.std()).astype(np.float32)
+def _without_gaps(utterance: Utterance) -> Utterance:
+    """Shorten the silences between the words of an utterance."""
+    keep = np.ones(len(utterance.audio), bool)
+    ends = [0.0, *(word.end for word in utterance.words)]
+    for end, word in zip(ends, utterance.words):
+        keep[round((end + _GAP) * SAMPLE_RATE) : round(word.start * SAMPLE_RATE)] = False
+    kept = np.cumsum(keep) / SAMPLE_RATE
+
+    def moved(time: float) -> float:
+        return float(kept[min(round(time * SAMPLE_RATE), len(kept) - 1)])
+
+    words = tuple(Word(word.text, moved(word.start), moved(word.end)) for word in utterance.words)
+    return Utterance(utterance.audio[keep], words)
+
+
+def _mix(
+    speech: np.ndarray, room_db: float, is_varied: bool, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return speech with the noise of a room and perhaps louder sounds, and the part of it without those sounds.
+
+    Both are as they will be stored, so that the teacher, who hears the latter, gets the samples that the model gets.
+    """
+    heard = speech + 10 ** (room_db / 20) * backgrounds.coloured_noise(len(speech), 1.0, rng)
+    audio = heard
+    if is_varied and rng.random() < _BACKGROUND:
+        power = np.mean(np.square(speech, dtype=np.float64)[speech != 0])
+        audio = heard + np.sqrt(power) * 10 ** (rng.uniform(*_BACKGROUND_DB) / 20) * _background(len(speech), rng)
+    loud, quiet = _PEAK_DB
+    gain = 10 ** ((loud + (quiet - loud) * rng.beta(1, 2.5)) / 20) / np.abs(audio).max()
+    return _as_stored(gain * audio), _as_stored(gain * heard)
+
+
+def _rest(rng: np.random.Generator) -> np.ndarray:
+    """Draw noise, music or silence, enough for one clip: (samples,) float32."""
+    sound = _background(round((rng.uniform(*_CLIP_SECONDS) + 3) * SAMPLE_RATE), rng)
+    loud, quiet = _REST_DB
+    level = 10 ** ((loud + (quiet - loud) * rng.random() ** 1.5) / 20) * (rng.random() >= _SILENT)
+    return _as_stored(sound * min(level, 0.95 / max(np.abs(sound).max(), 1e-9)))
+
+
+def _background(num_samples: int, rng: np.random.Generator) -> np.ndarray:
+    draw = backgrounds.draw_noise if rng.random() < 0.5 else backgrounds.draw_music
+    return draw(num_samples, rng)
+
+
+def _as_stored(sound: np.ndarray) -> np.ndarray:
+    return np.round(sound * 2**15).astype(np.float32) / np.float32(2**15)

@@ -19,7 +19,8 @@ from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.espeak import Utterance
 from ha2g_jax.features.text import Word
 
-FLITE_VOICES = ("awb", "rms", "slt")  # a Scottish man, a man and a woman of the United States
+# A Scottish man and a woman of the United States; and a man of the United States, who only unseen speakers have.
+FLITE_VOICES, HELD_OUT_VOICES = ("awb", "slt"), ("rms",)
 _LEVEL = 0.3  # of the sound of a word that is not emphasised, so that emphasis does not clip
 _RAMP = 0.02  # seconds over which the loudness changes from word to word
 _WORD = re.compile(r"([^\W_]+(?:['’-][^\W_]+)*)([.,]?)")
@@ -30,7 +31,7 @@ _START, _END = (
 
 
 class FliteVoice(NamedTuple):
-    """A speaker's voice in the terms of Flite: one of `FLITE_VOICES`, whose sounds come from recordings of a person.
+    """A speaker's voice in the terms of Flite: a name such as "slt", whose sounds come from recordings of a person.
 
     Pitch, rate of speech and formants are ratios to those of the person; the pitch of "rms" follows the formants alone.
     """
@@ -41,13 +42,13 @@ class FliteVoice(NamedTuple):
     formants: float
 
 
-def sample_flite_voice(rng: np.random.Generator) -> FliteVoice:
-    """Draw a random voice of Flite."""
+def sample_flite_voice(rng: np.random.Generator, name: str) -> FliteVoice:
+    """Draw a random voice made from the recordings of one of the people."""
     formants = rng.uniform(0.86, 1.16)
     return FliteVoice(
-        name=str(rng.choice(FLITE_VOICES)),
+        name=name,
         pitch=float(formants * rng.uniform(0.85, 1.2)),  # people with a shorter vocal tract have a higher pitch
-        rate=float(rng.uniform(0.8, 1.2)),
+        rate=float(rng.uniform(0.7, 1.45)),
         formants=float(formants),
     )
 
@@ -244,5 +245,5 @@ def _load(name: str) -> ctypes.CDLL:
     except OSError as error:
         raise UserError(
             f"Flite is not installed ({error}); install it, on Debian and Ubuntu by `apt install libflite1`, or leave "
-            "out --synthesiser flite"
+            "out --synthesiser"
         ) from error

@@ -1,14 +1,14 @@
 """Random sentences of the Talk corpus from a context-free grammar, marked up for emphasis, pauses, rate and pitch.
 
 The markup is independent of the words, so that loudness and pitch carry information that the words do not. Words and
-patterns are in assets/talk_grammar.ini.
+patterns are in assets/talk_grammar.ini, the clauses of other languages than English in assets/talk_languages.ini.
 """
 
 import collections
 import configparser
 import importlib.resources
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -29,11 +29,17 @@ def _plural(noun: str) -> str:
 
 
 def _patterns(section: Mapping[str, str]) -> dict[str, tuple[str, ...]]:
-    return {name: tuple(text.replace("\n", " ").split(" / ")) for name, text in section.items()}
+    return {name: tuple(text.replace("\n", " ").strip().split(" / ")) for name, text in section.items()}
 
 
-_GRAMMAR = _Sections(delimiters=(":",), interpolation=None)
-_GRAMMAR.read_string((importlib.resources.files("ha2g_jax") / "assets" / "talk_grammar.ini").read_text("utf-8"))
+def _read(asset: str) -> _Sections:
+    sections = _Sections(delimiters=(":",), interpolation=None)
+    sections.read_string((importlib.resources.files("ha2g_jax") / "assets" / asset).read_text("utf-8"))
+    return sections
+
+
+_GRAMMAR, _LANGUAGES = _read("talk_grammar.ini"), _read("talk_languages.ini")
+ENGLISH, OTHER_LANGUAGES = "en", tuple(_LANGUAGES.sections())  # names of espeak-ng
 
 # Symbol -> words.
 WORDS: dict[str, tuple[str, ...]] = {
@@ -69,8 +75,22 @@ _FUNCTION_WORDS = frozenset(
 _EMPHASIS = ((0.10, 90, 22), (0.15, 45, 10), (0.15, -35, -5))
 
 
-def sentences(rng: np.random.Generator) -> Iterator[str]:
-    """Yield random sentences as SSML without end; each gesture-bearing word occurs once before any occurs again."""
+def sentences(rng: np.random.Generator, language: str = ENGLISH) -> Iterator[str]:
+    """Yield random sentences in a language as SSML without end.
+
+    In English each gesture-bearing word occurs once before any occurs again; the others have none.
+    """
+    tokens = _english(rng) if language == ENGLISH else _clauses(_patterns(_LANGUAGES[language]), rng)
+    return (_mark_up(sentence, rng) for sentence in tokens)
+
+
+def _clauses(patterns: Mapping[str, Sequence[str]], rng: np.random.Generator) -> Iterator[list[str]]:
+    while True:
+        first, *others = rng.permutation(patterns["clause"])[: rng.choice(_CLAUSES)].tolist()
+        yield " ".join([first, *(f", {rng.choice(patterns['link'])} {clause}" for clause in others)]).split()
+
+
+def _english(rng: np.random.Generator) -> Iterator[list[str]]:
     deck: collections.deque[str] = collections.deque()
     while True:
         clauses = []
@@ -85,7 +105,7 @@ def sentences(rng: np.random.Generator) -> Iterator[str]:
         parts = ["OPENER"] if rng.random() < _OPENER_PROBABILITY else []
         for index, clause in enumerate(clauses):
             parts += ["LINK"] * (index > 0) + [clause]
-        yield _mark_up(_expand(" ".join(parts), rng), rng)
+        yield _expand(" ".join(parts), rng)
 
 
 def _expand(pattern: str, rng: np.random.Generator) -> list[str]:

@@ -1,13 +1,13 @@
 """Speakers of a Talk corpus: styles of gesture, looks that show the style, and voices of a speech synthesiser."""
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+import itertools
+from typing import NamedTuple
 
 import numpy as np
 
 from ha2g_jax import figure
 from ha2g_jax import skeleton as skeletons
-from ha2g_jax.data.talk import flite
+from ha2g_jax.data.talk import flite, grammar
 from ha2g_jax.features import espeak as speech
 
 _SKELETON = "ted_expressive"
@@ -23,6 +23,7 @@ _HAIR_LENGTHS = (0.0, 1.0)  # handedness: short for the left hand to long for th
 DEFAULT_SPEAKERS, DEFAULT_SEED, DEFAULT_SYNTHESISER = 48, 0, "espeak-ng"
 
 _UNSEEN = 1 / 6  # of the speakers
+_OTHER_LANGUAGE = (1, 4, 7)  # of twelve speakers of training; none of them is one of Flite's
 _SEEDS = 0  # first number of spawn keys, so that no speaker has the seed of a recording
 
 
@@ -79,32 +80,37 @@ def _colour(ends: tuple[figure.Colour, figure.Colour], value: float) -> figure.C
     return red, green, blue
 
 
-class Synthesiser(NamedTuple):
-    """A speech synthesiser, which draws a voice and says a sentence in the markup of `grammar`, and its licence."""
-
-    sample_voice: Callable[[np.random.Generator], Any]
-    say: Callable[[str, Any], speech.Utterance]
-    licence: str
-
-
+# Synthesisers of speech, and the licence of a corpus that they speak.
 SYNTHESISERS = {
-    "espeak-ng": Synthesiser(
-        speech.sample_voice, speech.say, "Synthetic speech and motion; free of third-party rights"
-    ),
-    "flite": Synthesiser(
-        flite.sample_flite_voice,
-        flite.say,
-        "Synthetic motion, and speech of voices of Carnegie Mellon University, free to use",
-    ),
+    "espeak-ng": "Synthetic speech and motion; free of third-party rights",
+    "flite": "Synthetic motion, and speech of voices of Carnegie Mellon University, free to use",
+    "both": "Synthetic speech and motion, partly of voices of Carnegie Mellon University, free to use",
 }
+Voice = speech.Voice | flite.FliteVoice
 
 
 class Speaker(NamedTuple):
-    """A synthetic speaker: its name in the corpus, the voice that speaks, and the style of the gestures."""
+    """A synthetic speaker: its name in the corpus, its voice, the style of its gestures, and its language."""
 
     name: str
-    voice: speech.Voice | flite.FliteVoice
+    voice: Voice
     style: Style
+    language: str
+
+
+def say(markup: str, voice: Voice) -> speech.Utterance:
+    """Speak one text in the markup of `grammar` by the synthesiser of the voice.
+
+    Raises:
+        UserError: the synthesiser is not installed.
+    """
+    return flite.say(markup, voice) if isinstance(voice, flite.FliteVoice) else speech.say(markup, voice)
+
+
+def sample_voice(rng: np.random.Generator, language: str) -> speech.Voice:
+    """Draw a random voice of espeak-ng that speaks a language of `grammar`."""
+    voice = speech.sample_voice(rng)
+    return voice if language == grammar.ENGLISH else voice._replace(language=language)
 
 
 def default_styles() -> dict[str, Style]:
@@ -122,14 +128,22 @@ def num_unseen(num_speakers: int) -> int:
 def draw_speakers(seen: int, unseen: int, seed: int, synthesiser: str) -> list[Speaker]:
     """Draw the speakers of training, then the unseen ones, whose styles lie between two styles of training.
 
-    Each has a seed of its own.
+    Each has a seed of its own. Of "both" synthesisers, Flite has a third of the speakers. A quarter of the speakers of
+    training have a voice of espeak-ng and speak another language than English.
     """
     speakers: list[Speaker] = []
+    languages = itertools.cycle(grammar.OTHER_LANGUAGES)
     for number in range(seen + unseen):
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_SEEDS, number)))
-        voice, style = SYNTHESISERS[synthesiser].sample_voice(rng), sample_style(rng)
+        is_flite = synthesiser == "flite" or (synthesiser == "both" and number % 3 == 2)
+        is_other = not is_flite and number < seen and number % 12 in _OTHER_LANGUAGE
+        language = next(languages) if is_other else grammar.ENGLISH
+        names = flite.FLITE_VOICES if number < seen else flite.HELD_OUT_VOICES
+        name = names[number // 3 % len(names)]
+        voice = flite.sample_flite_voice(rng, name) if is_flite else sample_voice(rng, language)
+        style = sample_style(rng)
         if number >= seen:
             first, second = (np.array(speakers[index].style) for index in rng.choice(seen, 2, replace=seen < 2))
             style = Style(*(first + rng.uniform(0.3, 0.7) * (second - first)).tolist())
-        speakers.append(Speaker(f"speaker-{number:02d}", voice, style))
+        speakers.append(Speaker(f"speaker-{number:02d}", voice, style, language))
     return speakers

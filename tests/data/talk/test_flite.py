@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ha2g_jax.data.talk import build, flite, grammar
-from ha2g_jax.data.talk.flite import FLITE_VOICES, FliteVoice, sample_flite_voice
+from ha2g_jax.data.talk.flite import FLITE_VOICES, HELD_OUT_VOICES, FliteVoice, sample_flite_voice
 from ha2g_jax.features.audio import SAMPLE_RATE
 
 VOICE = FliteVoice("slt", 1.0, 1.0, 1.0)
@@ -30,7 +30,7 @@ needs_flite = pytest.mark.skipif(not is_installed(), reason="Flite is not instal
 
 
 @needs_flite
-@pytest.mark.parametrize("name", FLITE_VOICES)
+@pytest.mark.parametrize("name", [*FLITE_VOICES, *HELD_OUT_VOICES])
 def test_independent_of_what_was_said_before(name):
     """The noise of the voices would otherwise go on from one utterance to the next."""
     voice = VOICE._replace(name=name)
@@ -96,8 +96,8 @@ def test_rate_and_formants_are_independent():
 def test_every_sentence_of_the_grammar_is_spoken():
     rng = np.random.default_rng(0)
     sentences = grammar.sentences(rng)
-    for _ in range(20):
-        utterance = flite.say(next(sentences), sample_flite_voice(rng))
+    for name in (*FLITE_VOICES, *HELD_OUT_VOICES) * 6:
+        utterance = flite.say(next(sentences), sample_flite_voice(rng, name))
         times = [time for word in utterance.words for time in (word.start, word.end)]
         assert times == sorted(times) and all(word.end - word.start > 0.01 for word in utterance.words)
         assert np.isfinite(utterance.audio).all() and 0.02 < np.abs(utterance.audio).max() < 2
@@ -106,6 +106,6 @@ def test_every_sentence_of_the_grammar_is_spoken():
 @needs_flite
 def test_workers_do_not_change_the_bytes(tmp_path):
     for name, workers in (("a", 1), ("b", 2)):
-        build.make_talk(tmp_path / name, speakers=2, minutes=2, workers=workers, synthesiser="flite")
+        build.make_talk(tmp_path / name, speakers=2, minutes=2, workers=workers, synthesiser="both")
     for path in sorted((tmp_path / "a").iterdir()):
         assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes(), path.name

@@ -5,6 +5,7 @@ import itertools
 import re
 
 import numpy as np
+import pytest
 
 from ha2g_jax import skeleton as skeletons
 from ha2g_jax.data.talk import anatomy, grammar, lexicon
@@ -59,7 +60,21 @@ def test_espeak_speaks_the_words_and_nothing_else():
             assert [word.text for word in utterance.words] == words(markup)
             for first, third in zip(utterance.words, utterance.words[2:]):
                 assert third.end - first.start > 0.12, markup
-            assert len(utterance.audio) / 16000 - utterance.words[-1].end < 0.6
+            assert len(utterance.audio) / 16000 - utterance.words[-1].end < 1.0
+
+
+@pytest.mark.parametrize("language", grammar.OTHER_LANGUAGES)
+def test_other_languages_have_their_words_and_no_gesture(language):
+    rng = np.random.default_rng(0)
+    for markup in itertools.islice(grammar.sentences(rng, language), 4):
+        spoken = re.sub("<[^>]*>", " ", markup).replace(",", "").replace(".", "").split()
+        utterance = speech.say(markup, speech.sample_voice(rng)._replace(language=language))
+        assert [word.text for word in utterance.words] == spoken
+        times = [time for word in utterance.words for time in (word.start, word.end)]
+        assert times == sorted(times) and times[-1] <= len(utterance.audio) / 16000
+    assert not any(
+        word_class(word.strip(",")) for text in grammar._LANGUAGES[language].values() for word in text.split()
+    )
 
 
 def test_emphasis_says_nothing_about_the_word():

@@ -5,6 +5,8 @@ import pytest
 
 from ha2g_jax import skeleton as skeletons
 from ha2g_jax.data.talk import speakers
+from ha2g_jax.data.talk.flite import HELD_OUT_VOICES, FliteVoice
+from ha2g_jax.data.talk.grammar import OTHER_LANGUAGES
 from ha2g_jax.data.talk.speakers import SYNTHESISERS, draw_speakers
 
 
@@ -20,6 +22,17 @@ def test_unseen_styles_lie_between_seen_ones(synthesiser):
         np.fill_diagonal(between, np.inf)
         assert between.min() < 1e-9
         assert gaps.min() > 0.1
+
+
+def test_languages_and_voices_that_training_does_not_hear():
+    cast = draw_speakers(40, 8, 0, "both")
+    recorded = [speaker for speaker in cast if isinstance(speaker.voice, FliteVoice)]
+    foreign = [speaker for speaker in cast if speaker.language != "en"]
+    assert len(recorded) == 16 and len(foreign) == 10 and not set(recorded) & set(foreign)
+    assert not {speaker.voice.name for speaker in cast[:40] if speaker in recorded} & set(HELD_OUT_VOICES)
+    assert {speaker.voice.name for speaker in cast[40:] if speaker in recorded} == set(HELD_OUT_VOICES)
+    assert not set(foreign) & set(cast[40:])
+    assert not {"de", "fr", "cmn"} & set(OTHER_LANGUAGES)
 
 
 POSE = skeletons.load_skeleton("ted_expressive").mean_pose
