@@ -128,6 +128,10 @@ _SMALL_AUTOENCODER = {"train.steps": 4000}
 
 METHODS: dict[str, MethodPreset] = {
     "ha2g": MethodPreset({}, on=_ON_TALK, at={"study": _STUDY_HA2G}),
+    "energy_ha2g": MethodPreset(  # HA2G that samples, beside the paper
+        {"train.best_by": "loss/energy"},
+        on={"talk": {"loss.energy_ha2g.weights.contrastive": 2.0}},
+    ),
     # The weights, rates and batch size of the authors' public code with the networks of the paper. The contrastive term
     # stays that of Eq. 2 with its weight; the public code has a term of another form.
     "ha2g_release": MethodPreset(_RELEASE, on=_RELEASE_ON, at={"study": _FIFTH}, method="ha2g"),

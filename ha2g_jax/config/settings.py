@@ -147,6 +147,8 @@ def _losses(method: str, weights: Mapping[str, float], *settings: Setting) -> tu
 
 _GAN_KIND = Setting("gan", "non_saturating", _GAN, "minimax is Eq. 6")
 _HUBER_DELTA = Setting("huber_delta", 0.1, above(0), "difference at which Huber's parabola becomes a line (D8)")
+_TEMPERATURE = Setting("temperature", 0.07, above(0), "tau of Eq. 2")
+_NEGATIVES = Setting("negatives", _LEVELS, some_of(*_LEVELS), "levels of the audio in the denominator of Eq. 2")
 _STYLE_CLIP = Setting("style_clip", 1000.0, above(0), "epsilon of Eq. 7")
 
 # What a method has beside `SETTINGS` or in place of one of them; weights and settings of its losses.
@@ -156,10 +158,19 @@ OF_METHOD: dict[str, tuple[Setting, ...]] = {
         {"gan": 1.0, "huber": 200.0, "physical": 0.01, "style": 0.05, "kld": 0.1, "contrastive": 0.1},
         _GAN_KIND,
         _HUBER_DELTA,
-        Setting("temperature", 0.07, above(0), "tau of Eq. 2"),
-        Setting("negatives", _LEVELS, some_of(*_LEVELS), "levels of the audio in the denominator of Eq. 2"),
+        _TEMPERATURE,
+        _NEGATIVES,
         Setting("style_delta", 0.05, above(0), "as huber_delta, of the style term (D15)"),
         _STYLE_CLIP,
+    ),
+    "energy_ha2g": (  # the networks of HA2G with noise, see `methods.energy_ha2g`
+        _PAPER,
+        Setting("model.inferer.noise_dim", 16, whole(1, MAX_CHANNELS), "channels of the noise"),
+        *_losses(
+            "energy_ha2g",
+            {"energy": 100.0, "velocity": 100.0, "kld": 0.1, "contrastive": 0.1},
+            *(_TEMPERATURE, _NEGATIVES),
+        ),
     ),
     "seq2seq": (
         *(_NO_IDENTITY, _NO_AUDIO, _PAPER),

@@ -1,4 +1,4 @@
-"""The methods of the paper, each a module or package with the functions of `method.Method`, and specs from configs."""
+"""The methods of the paper and one beside, modules or packages with the functions of `method.Method`, and specs."""
 
 import functools
 from typing import Any
@@ -10,7 +10,7 @@ from ha2g_jax.config import settings
 from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.limits import MAX_SPEAKERS, MAX_VOCABULARY
-from ha2g_jax.methods import autoencoder, joint_embedding, seq2seq, speech2gesture, trimodal
+from ha2g_jax.methods import autoencoder, energy_ha2g, joint_embedding, seq2seq, speech2gesture, trimodal
 from ha2g_jax.methods.ha2g import method as ha2g
 from ha2g_jax.methods.ha2g import release
 from ha2g_jax.methods.method import GeneratingMethod, Method, Spec, Variables, example_batch
@@ -18,6 +18,7 @@ from ha2g_jax.skeleton import Skeleton
 
 METHODS: dict[str, GeneratingMethod] = {
     "ha2g": ha2g,
+    "energy_ha2g": energy_ha2g,
     "seq2seq": seq2seq,
     "speech2gesture": speech2gesture,
     "joint_embedding": joint_embedding,

@@ -187,7 +187,7 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
         layers=inferer.layers,
         dropout=inferer.dropout,
     )
-    return make_spec(config, skeleton, generator, inputs=("audio", "words"))
+    return make_spec(config, skeleton, generator, inputs=("audio", "words"), noise_dim=generator.latent_dim)
 
 
 def sample(
@@ -196,12 +196,15 @@ def sample(
     features: tuple[jax.Array, jax.Array],
     style: jax.Array,
     seed_pose: jax.Array,
-    key: jax.Array,
+    noise: jax.Array,
 ) -> jax.Array:
-    """Generate the poses of windows, each from a sample of its latent; without style. See `GeneratingMethod`."""
+    """Generate the poses of windows, each from a sample of its latent; without style. See `GeneratingMethod`.
+
+    The noise of the latent is that of the first frame.
+    """
     del style
-    noise = jax.random.normal(key, features[0].shape, features[0].dtype)
-    (poses,) = spec.generator.apply(variables, features, noise, seed_pose, train=False, method=JointEmbedding.infer)
+    clips = (features, noise[:, 0], seed_pose)
+    (poses,) = spec.generator.apply(variables, *clips, train=False, method=JointEmbedding.infer)
     return poses
 
 

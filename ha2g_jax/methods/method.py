@@ -39,6 +39,7 @@ class Spec(NamedTuple):
         training_inputs: names of the speech inputs of a training example.
         identity: batch key that identities are read from, "images" or "speaker"; "" for a method without identities.
         style_dim: number of values of a style, 0 for a method without identities.
+        noise_dim: channels of the noise that `GeneratingMethod.sample` reads, 0 for a method without noise.
     """
 
     method: str
@@ -54,6 +55,7 @@ class Spec(NamedTuple):
     style_dim: int
     num_reference_images: int
     image_size: int
+    noise_dim: int = 0
 
     def __repr__(self) -> str:
         window = f"{self.num_frames} frames, {self.num_seed_frames} of them given"
@@ -184,12 +186,12 @@ class GeneratingMethod(Method, Protocol):
         ...
 
     def sample(
-        self, spec: Spec, variables: Variables, features: Any, style: jax.Array, seed_pose: jax.Array, key: jax.Array
+        self, spec: Spec, variables: Variables, features: Any, style: jax.Array, seed_pose: jax.Array, noise: jax.Array
     ) -> jax.Array:
         """Generate the poses (B, N, pose_dim) of B windows, mean-subtracted, from the result of `encode_speech`.
 
-        Styles are (B, style_dim); seed poses (B, M, pose_dim) are those of the first M frames, mean-subtracted. A
-        method without noise ignores the key.
+        Styles are (B, style_dim); seed poses (B, M, pose_dim) are those of the first M frames, mean-subtracted; the
+        noise (B, N, noise_dim) is that of `features.noise.track`.
         """
         ...
 
@@ -202,6 +204,7 @@ def make_spec(
     *,
     inputs: tuple[str, ...],
     training_inputs: tuple[str, ...] | None = None,
+    noise_dim: int = 0,
 ) -> Spec:
     """Return the spec of networks that a method has built, with the sizes that `config.data` states; `training_inputs`
     are `inputs` by default.
@@ -221,6 +224,7 @@ def make_spec(
         style_dim=0 if identity.kind == "none" else identity.feature_dim,
         num_reference_images=config.data.num_reference_images,
         image_size=config.data.image_size,
+        noise_dim=noise_dim,
     )
 
 

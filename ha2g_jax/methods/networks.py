@@ -13,11 +13,14 @@ from flax import linen as nn
 
 from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.noise import track
 from ha2g_jax.layers.cpu.onednn.library import choosing
 from ha2g_jax.layers.identity import SpeakerIdentity
 from ha2g_jax.layers.tcn import TextEncoder
 from ha2g_jax.layers.waveform import WaveformEncoder
 from ha2g_jax.methods.method import FLOAT32, Batch, Compute, Poses, Run, Spec, Variables, speech_arguments
+
+_NOISE_FRAMES = 1 << 10  # of which training noise starts at one; more than a period of it at any frame rate
 
 
 def text_encoder(config: Config, vocabulary_size: int) -> TextEncoder:
@@ -61,19 +64,27 @@ def encode_identity(spec: Spec, variables: Variables, identity: jax.Array) -> ja
 
 
 def sample_with_style(
-    spec: Spec, variables: Variables, features: Any, style: jax.Array, seed_pose: jax.Array, key: jax.Array
+    spec: Spec, variables: Variables, features: Any, style: jax.Array, seed_pose: jax.Array, noise: jax.Array
 ) -> jax.Array:
     """Generate the poses of windows, those of the last level; without noise. See `GeneratingMethod`."""
-    del key
+    del noise
     return spec.generator.apply(variables, features, style, seed_pose, train=False, method="infer")[-1]
 
 
 def sample_without_style(
-    spec: Spec, variables: Variables, features: Any, style: jax.Array, seed_pose: jax.Array, key: jax.Array
+    spec: Spec, variables: Variables, features: Any, style: jax.Array, seed_pose: jax.Array, noise: jax.Array
 ) -> jax.Array:
     """Generate the poses of windows; without style and noise. See `GeneratingMethod`."""
-    del style, key
+    del style, noise
     return spec.generator.apply(variables, features, seed_pose, train=False, method="infer")[-1]
+
+
+def draw_noise(spec: Spec, key: jax.Array, count: int) -> jax.Array:
+    """Draw the noise (count, N, noise_dim) of training windows, each that of a random seed at a random moment."""
+    seed_key, moment_key = jax.random.split(key)
+    seeds = jax.random.bits(seed_key, (count,), jnp.uint32)
+    moments = jax.random.randint(moment_key, (count, 1), 0, _NOISE_FRAMES)
+    return track(seeds, moments + jnp.arange(spec.num_frames), spec.fps, spec.noise_dim, numpy=jnp)
 
 
 def no_settings(settings: Mapping[str, Any]) -> None:

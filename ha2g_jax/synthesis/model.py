@@ -50,7 +50,7 @@ class Model(Generator[Spec]):
     @property
     def has_audio_levels(self) -> bool:
         """Whether the model has the three audio levels of HA2G, which `encode_features` returns."""
-        return self.spec.method == "ha2g"
+        return self.spec.method in ("ha2g", "energy_ha2g")
 
     @property
     def name(self) -> str:

@@ -14,10 +14,10 @@ from collections.abc import Generator
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from ha2g_jax.data.speech import Speech, window
+from ha2g_jax.features.noise import track
 from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.methods import generating_method_of
 from ha2g_jax.methods.method import Batch, Spec, Variables, restore, subtract_mean
@@ -78,15 +78,22 @@ def sample_windows(
     """Sample the poses (K, N, bones, 3) of K = `count` windows, unit vectors, each from the last poses before it.
 
     Their features are the chunks of `encode_chunks`, which is closed at the end. All have the style (style_dim,), and
-    `start` (M, bones, 3) is the seed pose of the first. Window k has the same noise in a clip of any length.
+    `start` (M, bones, 3) is the seed pose of the first. A frame has the same noise in a clip of any length.
     """
-    style, pose, key = np.asarray(style, np.float32), np.asarray(start, np.float32), jax.random.key(seed)
+    style, pose = np.asarray(style, np.float32), np.asarray(start, np.float32)
+    stride = spec.num_frames - spec.num_seed_frames
     parts = []
     with contextlib.closing(chunks):  # Ctrl-C does not wait for the chunks that are left
         for first, features in zip(itertools.count(step=_CHUNK), chunks):
-            pose, poses = _sample(spec, variables, features, style, pose, key, np.int32(first))
+            noise = noise_of(spec, seed, (first + np.arange(_CHUNK)) * stride)
+            pose, poses = _sample(spec, variables, features, style, pose, noise)
             parts.append(poses)
     return np.concatenate(jax.device_get(parts))[:count]
+
+
+def noise_of(spec: Spec, seed: int, first: np.ndarray) -> np.ndarray:
+    """Return the noise (..., N, noise_dim) of the windows whose first frames have the numbers (...) in a clip."""
+    return track(seed, first[..., None] + np.arange(spec.num_frames), spec.fps, spec.noise_dim)
 
 
 @functools.partial(jax.jit, static_argnums=0)
@@ -101,23 +108,21 @@ def _sample(
     features: Any,
     style: jax.Array,
     start: jax.Array,
-    key: jax.Array,
-    first: jax.Array,
+    noise: jax.Array,
 ) -> tuple[jax.Array, jax.Array]:
-    """Sample K consecutive windows of a clip, whose features have a leading axis (K, ...).
+    """Sample K consecutive windows of a clip, whose features and noise have a leading axis (K, ...).
 
-    `first` () is the number of the first of them, and `start` (M, bones, 3) are the last poses before it. Return the
-    last M poses, and the poses of the windows (K, N, bones, 3).
+    `start` (M, bones, 3) are the last poses before them. Return the last M poses, and the poses of the windows
+    (K, N, bones, 3).
     """
 
     def window(seed: jax.Array, inputs: Any) -> tuple[jax.Array, jax.Array]:
-        index, features = inputs
+        features, noise = inputs
         features = jax.tree.map(lambda x: x[None], features)
-        directions = _poses(spec, variables, features, style, seed, jax.random.fold_in(key, index))
+        directions = _poses(spec, variables, features, style, seed, noise)
         return directions[-spec.num_seed_frames :], directions
 
-    indices = first + jnp.arange(len(jax.tree.leaves(features)[0]))
-    return jax.lax.scan(window, start, (indices, features))
+    return jax.lax.scan(window, start, (features, noise))
 
 
 @functools.partial(jax.jit, static_argnums=0)
@@ -127,23 +132,22 @@ def generate_window(
     speech: Batch,
     style: jax.Array,
     start: jax.Array,
-    key: jax.Array,
-    index: jax.Array,
+    noise: jax.Array,
 ) -> jax.Array:
     """Encode the speech of one window of a stream, and sample its poses (N, bones, 3), unit vectors.
 
     The speech inputs have no batch axis; style (style_dim,) and seed pose (M, bones, 3) are those of `sample_windows`,
-    the key is that of the stream, and the index () is the number of the window.
+    the noise (N, noise_dim) is that of `noise_of`.
     """
     batch = {name: array[None] for name, array in speech.items()}
     features = generating_method_of(spec).encode_speech(spec, variables, batch)
-    return _poses(spec, variables, features, style, start, jax.random.fold_in(key, index))
+    return _poses(spec, variables, features, style, start, noise)
 
 
 def _poses(
-    spec: Spec, variables: Variables, features: Any, style: jax.Array, seed: jax.Array, key: jax.Array
+    spec: Spec, variables: Variables, features: Any, style: jax.Array, seed: jax.Array, noise: jax.Array
 ) -> jax.Array:
     """Return the poses of one window, (N, bones, 3) unit vectors; only the features have a batch axis."""
     centred = subtract_mean(spec, seed)[None]
-    poses = generating_method_of(spec).sample(spec, variables, features, style[None], centred, key)
+    poses = generating_method_of(spec).sample(spec, variables, features, style[None], centred, noise[None])
     return restore(spec, poses[0])

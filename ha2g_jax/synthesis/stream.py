@@ -12,7 +12,6 @@ near, its frames ease to the pose in which the model rests in a silent file, and
 
 from typing import Any
 
-import jax
 import numpy as np
 
 from ha2g_jax.checkpoint.assets import Assets
@@ -33,7 +32,7 @@ from ha2g_jax.motion.resample import num_frames, slerp
 from ha2g_jax.motion.rotations import unit
 from ha2g_jax.motion.windows import DEFAULT_HOP, DEFAULT_LOOK_AHEAD, RunningJoin
 from ha2g_jax.skeleton import Skeleton
-from ha2g_jax.synthesis.scan import generate_window
+from ha2g_jax.synthesis.scan import generate_window, noise_of
 from ha2g_jax.synthesis.style import RANDOM, Style, choose_style
 
 _MAX_SKIP_SECONDS = 3600.0
@@ -79,7 +78,6 @@ class Stream:
         _check(spec, look_ahead, hop, reference)
         self.spec, self.look_ahead, self.hop, self.muted = spec, look_ahead, hop, False
         self._variables, self._assets, self._seed = variables, assets, seed
-        self._key = jax.random.key(seed)
         self._start_pose = assets.seed_poses[np.random.default_rng(seed).integers(len(assets.seed_poses))]
         self.style, self.controls = style, controls  # the program is compiled here, so that the first frame is not late
         self._style_ramp = Ramp(self._f_id, self.fps)
@@ -217,7 +215,7 @@ class Stream:
             mel = self._mel.window(window_column(start, self.fps), window_columns(self.spec.num_frames, self.fps))
             if not self._is_ended:
                 mel = hide_unheard(mel, start, self._heard() - start, self.fps)
-            window = self._generate(mel, style, self._past[: self.spec.num_seed_frames], self._num_runs)
+            window = self._generate(mel, style, self._past[: self.spec.num_seed_frames], start)
         else:
             window = np.broadcast_to(rest.astype(np.float32), (self.spec.num_frames, *rest.shape))
         new = self._rested(window, rest, weights)
@@ -258,14 +256,14 @@ class Stream:
         silence = np.full((NUM_MELS, window_columns(self.spec.num_frames, self.fps)), FLOOR_DB, np.float32)
         window = self._start_pose
         for index in range(_REST_WINDOWS):
-            window = self._generate(silence, self._f_id, window[-self.spec.num_seed_frames :], index)
+            first = index * (self.spec.num_frames - self.spec.num_seed_frames)
+            window = self._generate(silence, self._f_id, window[-self.spec.num_seed_frames :], first)
         return unit(window.mean(axis=0))
 
-    def _generate(self, mel: np.ndarray, style: np.ndarray, seed_pose: np.ndarray, index: int) -> np.ndarray:
-        """Return the poses (N, bones, 3) of a window."""
-        window = np.asarray(
-            generate_window(self.spec, self._variables, {"mel": mel}, style, seed_pose, self._key, np.int32(index))
-        )
+    def _generate(self, mel: np.ndarray, style: np.ndarray, seed_pose: np.ndarray, first: int) -> np.ndarray:
+        """Return the poses (N, bones, 3) of a window, from its first frame `first` on."""
+        noise = noise_of(self.spec, self._seed, np.asarray(first))
+        window = np.asarray(generate_window(self.spec, self._variables, {"mel": mel}, style, seed_pose, noise))
         if not np.isfinite(window).all():
             raise UserError(f"model {self._assets.hash} generated values that are not finite; train or export it again")
         return window

@@ -5,7 +5,7 @@ number of frames of a window, and H the number of levels of the motion hierarchy
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import jax
@@ -129,6 +129,11 @@ def contrastive(
     if "high" not in negatives:
         denominator = jnp.logaddexp(denominator, positive)
     return jnp.mean(denominator - positive)
+
+
+def negatives(settings: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the levels of the setting "negatives" in their order, as `contrastive` takes them."""
+    return tuple(name for name in AUDIO_LEVELS if name in settings["negatives"])
 
 
 def smooth_l1(difference: jax.Array, delta: float) -> jax.Array:

@@ -182,11 +182,9 @@ def run(
     """
     speech, identity, seed = speech_arguments(spec, batch)
     (features, text, (mean, log_variance)), batch_stats = apply(
-        spec.generator, variables, keys["dropout"], speech, identity, train=train, compute=compute, method=_encode
+        spec.generator, variables, keys["dropout"], speech, identity, train=train, compute=compute, method=encode
     )
-    f_id = mean
-    if train:
-        f_id = mean + jnp.exp(0.5 * log_variance) * jax.random.normal(keys["identity"], mean.shape, mean.dtype)
+    f_id = draw_identity(keys["identity"], mean, log_variance) if train else mean
     # A cyclic shift of the batch: no clip, unless alone, keeps its own identity.
     shift = jax.random.randint(keys["permutation"], (), 1, max(len(mean), 2))
     other_f_id = jax.lax.stop_gradient(exchange(f_id, shift))
@@ -203,7 +201,13 @@ def run(
     return Run(outputs, Contrast(other_poses, f_id, other_f_id), batch_stats)
 
 
-def _encode(model: HA2G, speech: dict[str, jax.Array], identity: jax.Array, *, train: bool) -> Any:
+def draw_identity(key: jax.Array, mean: jax.Array, log_variance: jax.Array) -> jax.Array:
+    """Draw f_id (B, 18) from its distribution."""
+    return mean + jnp.exp(0.5 * log_variance) * jax.random.normal(key, mean.shape, mean.dtype)
+
+
+def encode(model: HA2G, speech: dict[str, jax.Array], identity: jax.Array, *, train: bool) -> Any:
+    """Encode audio, text and identity with a bound model."""
     return (
         model.encode_speech(speech, train=train),
         model.encode_text(speech["words"], train=train),
@@ -261,8 +265,7 @@ def _in_parts(function: Any, count: int, key: jax.Array, clips: Any) -> Any:
 
 def loss_settings(settings: Mapping[str, Any]) -> LossSettings:
     """Return the numbers and choices of the terms; see `Method.loss_settings`."""
-    negatives = tuple(name for name in losses.AUDIO_LEVELS if name in settings["negatives"])
-    return LossSettings(**{**settings, "negatives": negatives})
+    return LossSettings(**{**settings, "negatives": losses.negatives(settings)})
 
 
 def terms(

@@ -70,6 +70,8 @@ class HA2G(nn.Module):
         level_channels: channels of the flat pose that each level h = 1..H holds (`Skeleton.level_channels`, or some
             of them, the last included, where an ablation leaves levels out).
         audio_levels, is_tied: of the style coordinator.
+        noise_dim: channels of the noise that every stage reads beside the audio; none in the paper, see
+            `methods.energy_ha2g`.
     """
 
     audio: Any
@@ -82,6 +84,7 @@ class HA2G(nn.Module):
     hidden_dim: int = 300
     layers: int = 4
     dropout: float = 0.3
+    noise_dim: int = 0
 
     def setup(self) -> None:
         self.coordinator = StyleCoordinator(len(self.level_channels), self.audio_levels, self.is_tied)
@@ -97,7 +100,8 @@ class HA2G(nn.Module):
         features = self.encode_speech(inputs, train=train)
         self.encode_text(inputs["words"], train=train)
         mean, _ = self.encode_identity(identity, train=train)
-        return self.infer(features, mean, seed, train=train)
+        noise = jnp.zeros((*features[0].shape[:2], self.noise_dim), features[0].dtype)
+        return self.infer(features, mean, seed, noise, train=train)
 
     def encode_speech(self, inputs: dict[str, jax.Array], *, train: bool) -> Features:
         """Maps the spectrogram of windows, such as "mel" (B, 128, 70) in dB, to f_low, f_mid, f_high (B, N, 32)."""
@@ -117,7 +121,13 @@ class HA2G(nn.Module):
         return self.coordinator(f_id)
 
     def infer(
-        self, features: tuple[jax.Array, jax.Array, jax.Array], f_id: jax.Array, seed: jax.Array, *, train: bool
+        self,
+        features: tuple[jax.Array, jax.Array, jax.Array],
+        f_id: jax.Array,
+        seed: jax.Array,
+        noise: jax.Array | None = None,
+        *,
+        train: bool,
     ) -> tuple[jax.Array, ...]:
         """Pose inferer, coarse to fine (Eq. 3 and 4).
 
@@ -129,6 +139,7 @@ class HA2G(nn.Module):
             features: f_low, f_mid, f_high, each (B, N, 32).
             f_id: (B, 18) identity, sampled or the mean.
             seed: (B, M, pose_dim) true poses of the first M frames, mean-subtracted.
+            noise: (B, N, noise_dim), None for a model without.
 
         Returns:
             Per level (B, N, d^h), mean-subtracted, the seed frames predicted as well.
@@ -136,6 +147,10 @@ class HA2G(nn.Module):
         blended = jnp.einsum("blh,blnf->hbnf", self.coordinate(f_id), jnp.stack(features, axis=1))  # Eq. 3
         batch, num_frames = features[0].shape[:2]
         is_seed = jnp.broadcast_to(jnp.arange(num_frames)[None, :, None] < self.num_seed_frames, (batch, num_frames, 1))
+
+        if noise is not None:
+            noise = jnp.broadcast_to(noise, (len(blended), *noise.shape))
+            blended = jnp.concatenate([blended, noise], axis=-1)
 
         poses: list[jax.Array] = []
         for level, (stage, channels) in enumerate(zip(self.stages, self.level_channels, strict=True)):

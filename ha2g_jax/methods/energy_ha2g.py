@@ -1,0 +1,170 @@
+"""HA2G that samples: its networks read noise beside the speech, and a proper scoring rule trains them; not the paper's.
+
+Speech does not say where the hands of a phrase are, so that a regression averages over the places. Here two samples of
+each window, with independent noise, are scored against the true motion by the energy score (Gneiting and Raftery 2007),
+which is least for samples of the true distribution: no adversary, one pass for a sample, and samples in training are
+made as in generation. Speech (Gritsenko et al. 2020), regressions (Shen and Meinshausen 2024) and the weather (Alet et
+al. 2025) have been sampled so.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from ha2g_jax.config.settings import Config
+from ha2g_jax.layers.resnet_se import Features
+from ha2g_jax.methods.ha2g import losses
+from ha2g_jax.methods.ha2g import method as ha2g
+from ha2g_jax.methods.method import FLOAT32, Batch, Compute, Run, Spec, Variables, speech_arguments
+from ha2g_jax.methods.networks import apply, draw_noise
+from ha2g_jax.skeleton import Skeleton
+
+# Added to mean squares before their root: distances below 0.001 count little, and gradients stay bounded.
+_EPSILON = 1e-6
+_SPAN = 8  # frames in which velocities are compared, so that the time of a stroke counts in each
+
+keys: tuple[str, ...] = ("dropout", "identity", "noise")
+reconstruction_term = "energy"
+has_parts = False
+init_arguments = speech_arguments
+encode_speech, encode_identity = ha2g.encode_speech, ha2g.encode_identity
+
+
+class Terms(NamedTuple):
+    """Terms of the objective, each () and unweighted, or their weights, floats."""
+
+    energy: jax.Array
+    velocity: jax.Array
+    kld: jax.Array
+    contrastive: jax.Array
+
+
+def total(weights: Terms, terms: Terms) -> jax.Array:
+    """Return the objective."""
+    return (
+        weights.energy * terms.energy
+        + weights.velocity * terms.velocity
+        + weights.kld * terms.kld
+        + weights.contrastive * terms.contrastive
+    )
+
+
+class LossSettings(NamedTuple):
+    """Settings of the contrastive term, `config.loss.energy_ha2g`; the table of settings explains them."""
+
+    temperature: float
+    negatives: tuple[str, ...]
+
+
+class Outputs(NamedTuple):
+    """Results of the generator that the objective is differentiated by: two samples of the poses, and HA2G's others."""
+
+    poses: tuple[jax.Array, ...]  # H arrays (B, N, d^h), mean-subtracted
+    others: tuple[jax.Array, ...]  # the second sample, likewise
+    features: Features  # of the audio, each (B, N, 32)
+    text: jax.Array  # (B, N, 32)
+    mean: jax.Array  # (B, 18) of the identity, as the log-variance
+    log_variance: jax.Array
+
+
+def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
+    """Build the networks of HA2G with the noise `config.model.inferer.noise_dim`; see `Method.build`."""
+    spec, noise_dim = ha2g.build(config, skeleton, vocabulary_size, num_speakers), config.model.inferer.noise_dim
+    return spec._replace(generator=spec.generator.clone(noise_dim=noise_dim), discriminator=None, noise_dim=noise_dim)
+
+
+def sample(
+    spec: Spec, variables: Variables, features: Any, style: jax.Array, seed_pose: jax.Array, noise: jax.Array
+) -> jax.Array:
+    """Generate the poses of windows, those of the last level; see `GeneratingMethod`."""
+    clips = (features, style, seed_pose, noise)
+    return spec.generator.apply(variables, *clips, train=False, method="infer")[-1]
+
+
+def run(
+    spec: Spec,
+    variables: Variables,
+    batch: Batch,
+    keys: dict[str, jax.Array],
+    *,
+    train: bool = True,
+    compute: Compute = FLOAT32,
+) -> Run[Outputs, None]:
+    """Run the generator on one batch, for two samples of each window with the same identity; see `Method.run`.
+
+    Evaluation mode takes the mean of each identity, not a sample.
+    """
+    speech, identity, seed = speech_arguments(spec, batch)
+    (features, text, (mean, log_variance)), batch_stats = apply(
+        spec.generator, variables, keys["dropout"], speech, identity, train=train, compute=compute, method=ha2g.encode
+    )
+    f_id = ha2g.draw_identity(keys["identity"], mean, log_variance) if train else mean
+    # The two of a clip lie side by side on the batch axis, so that a batch split over devices stays where it is.
+    clips = jax.tree.map(lambda x: jnp.repeat(x, 2, axis=0), (features, f_id, seed))
+    noise = draw_noise(spec, keys["noise"], 2 * len(mean))
+    levels, _ = apply(
+        spec.generator, variables, keys["dropout"], *clips, noise, train=train, compute=compute, method="infer"
+    )
+    pairs = [poses.reshape(-1, 2, *poses.shape[1:]) for poses in levels]
+    poses, others = (tuple(pair[:, index] for pair in pairs) for index in (0, 1))
+    return Run(Outputs(poses, others, Features(*features[:3]), text, mean, log_variance), None, batch_stats)
+
+
+def loss_settings(settings: Mapping[str, Any]) -> LossSettings:
+    """Return the numbers and choices of the terms; see `Method.loss_settings`."""
+    return LossSettings(settings["temperature"], losses.negatives(settings))
+
+
+def terms(spec: Spec, settings: LossSettings, outputs: Outputs, contrast: None, targets: jax.Array, gan: None) -> Terms:
+    """Return the unweighted terms; see `Method.terms`."""
+    del contrast, gan
+    levels = tuple(targets[..., jnp.array(channels)] for channels in spec.generator.level_channels)
+    samples = (outputs.poses, outputs.others, levels)
+    return Terms(
+        energy=energy_score(trajectories, *samples),
+        velocity=energy_score(velocities, *samples),
+        kld=losses.kld(outputs.mean, outputs.log_variance),
+        contrastive=losses.contrastive(outputs.text, *outputs.features, **settings._asdict()),
+    )
+
+
+def energy_score(
+    distance: Callable[[jax.Array, jax.Array], jax.Array],
+    poses: Sequence[jax.Array],
+    others: Sequence[jax.Array],
+    targets: Sequence[jax.Array],
+) -> jax.Array:
+    """Return the energy score of two samples p and p' of each window, the sum over levels of the mean over windows of
+
+        1/2 (d(p, y) + d(p', y)) - 1/2 d(p, p')
+
+    for H arrays (B, N, d^h) of each and true poses y. The distance d maps two arrays of a level to (B,).
+    """
+    levels = [
+        jnp.mean(distance(one, target) + distance(other, target) - distance(one, other)) / 2
+        for one, other, target in zip(poses, others, targets, strict=True)
+    ]
+    return jnp.sum(jnp.stack(levels))
+
+
+def trajectories(one: jax.Array, other: jax.Array) -> jax.Array:
+    """Return the distance (B,) of two motions (B, N, 3 bones): for each bone the root of the mean square over time, and
+    of these the mean over bones.
+    """
+    return jnp.mean(jnp.sqrt(jnp.mean(_squares(one - other), axis=1) + _EPSILON), axis=-1)
+
+
+def velocities(one: jax.Array, other: jax.Array) -> jax.Array:
+    """Return the distance (B,) of the differences between frames of two motions, as `trajectories` in short spans."""
+    squares = _squares(jnp.diff(one - other, axis=1))
+    squares = jnp.pad(squares, ((0, 0), (0, -squares.shape[1] % _SPAN), (0, 0)))
+    spans = squares.reshape(len(squares), -1, _SPAN, squares.shape[-1])
+    return jnp.mean(jnp.sqrt(jnp.mean(spans, axis=2) + _EPSILON), axis=(1, 2))
+
+
+def _squares(difference: jax.Array) -> jax.Array:
+    """Return the squared lengths (B, T, bones) of vectors (B, T, 3 bones)."""
+    vectors = difference.reshape(*difference.shape[:2], -1, 3)
+    return jnp.sum(vectors**2, axis=-1)
