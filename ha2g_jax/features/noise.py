@@ -26,9 +26,10 @@ def track(seed: Any, frames: Any, fps: float, dim: int, *, numpy: Any = np) -> A
         dim: number of channels.
         numpy: numpy, or jax.numpy for the noise of training.
     """
-    channels = numpy.arange(dim)
+    frames = numpy.asarray(frames)[..., None]
+    channels = numpy.arange(dim).reshape((1,) * (frames.ndim - 1) + (dim,))
     periods = numpy.where(channels < dim // 2, *PERIODS)
-    places = numpy.asarray(frames)[..., None] / (fps * periods) + channels / max(dim, 1)
+    places = frames / (fps * periods) + channels / max(dim, 1)
     before = numpy.floor(places)
     moment = places - before
     angle = np.pi / 2 * moment**2 * (3 - 2 * moment)

@@ -17,6 +17,7 @@ from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import read_audio
+from ha2g_jax.features.noise import track
 from ha2g_jax.features.spectrum import log_mel, mel_window
 from ha2g_jax.methods import METHODS
 from ha2g_jax.methods.ha2g import method as ha2g
@@ -128,12 +129,11 @@ def test_encoding_ends_with_the_sampling(debug_model, monkeypatch):
 
 def test_each_window_has_its_noise_and_the_last_poses_of_the_one_before(debug_model, monkeypatch):
     """A method that adds noise to what it is given, against a loop over the windows."""
-    spec = debug_model.spec._replace(method="echo")
-    frames, overlap, bones = spec.num_frames, spec.num_seed_frames, spec.skeleton.num_bones
+    spec = debug_model.spec._replace(method="echo", noise_dim=debug_model.spec.skeleton.pose_dim)
+    frames, overlap = spec.num_frames, spec.num_seed_frames
 
-    def sample(spec, variables, features, style, seed_pose, key):
+    def sample(spec, variables, features, style, seed_pose, noise):
         del spec, variables, style
-        noise = jax.random.normal(key, (1, frames, 3 * bones))
         return noise + features["mel"] + jnp.tile(seed_pose, (1, frames // overlap + 1, 1))[:, :frames]
 
     monkeypatch.setitem(METHODS, "echo", types.SimpleNamespace(sample=sample))
@@ -142,10 +142,11 @@ def test_each_window_has_its_noise_and_the_last_poses_of_the_one_before(debug_mo
     chunks = (jax.tree.map(lambda x, at=at: x[at : at + 4], features) for at in (0, 4))
     found = scan.sample_windows(spec, {}, chunks, np.zeros(18), pose, seed=5, count=6)
     assert len(found) == 6
+    noise = track(5, np.arange(6 * frames), spec.fps, spec.noise_dim)
     for index, window in enumerate(found):
-        key = jax.random.fold_in(jax.random.key(5), index)
-        mel = features["mel"][index]
-        expected = sample(None, None, {"mel": mel[None]}, None, subtract_mean(spec, pose)[None], key)
+        mel, first = features["mel"][index], index * (frames - overlap)
+        arguments = subtract_mean(spec, pose)[None], noise[None, first : first + frames]
+        expected = sample(None, None, {"mel": mel[None]}, None, *arguments)
         np.testing.assert_allclose(window, restore(spec, expected[0]), atol=1e-5)
         pose = window[-overlap:]
 
