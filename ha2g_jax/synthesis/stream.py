@@ -7,7 +7,8 @@ the end of a window that has been heard, and what is before them was generated b
 samples so far and not on how they were cut into pieces.
 
 Small errors of windows that begin every few frames add up in a pause, so that a stream rests by rule: where no sound is
-near, its frames ease to the pose in which the model rests in a silent file, and the generator is not run.
+near, its frames ease to the pose in which the model rests in a silent file, which breathes and sways a little, and the
+generator is not run.
 """
 
 from typing import Any
@@ -28,6 +29,7 @@ from ha2g_jax.features.spectrum import (
 from ha2g_jax.methods.method import Spec, Variables
 from ha2g_jax.motion.control.controls import NEUTRAL, Controls
 from ha2g_jax.motion.control.effects import EASE, Ramp, RunningControls, check_running
+from ha2g_jax.motion.idle import idle
 from ha2g_jax.motion.resample import num_frames, slerp
 from ha2g_jax.motion.rotations import unit
 from ha2g_jax.motion.windows import DEFAULT_HOP, DEFAULT_LOOK_AHEAD, RunningJoin
@@ -208,16 +210,17 @@ class Stream:
     def _run(self) -> np.ndarray:
         """Generate the next window, and return the frames from its first new one on."""
         style = np.asarray(self._style_ramp.step(self._f_id, self.hop), np.float32)
-        rest = unit(self._rest_ramp.step(self._rest_pose.ravel(), self.hop).reshape(self._rest_pose.shape))
+        pose = unit(self._rest_ramp.step(self._rest_pose.ravel(), self.hop).reshape(self._rest_pose.shape))
+        start = self._num_runs * self.hop - self._join.first
+        rest = idle(self.skeleton, pose, self._seed, start + np.arange(self.spec.num_frames), self.fps)
         weights = self._weights()
         if weights.any():
-            start = self._num_runs * self.hop - self._join.first
             mel = self._mel.window(window_column(start, self.fps), window_columns(self.spec.num_frames, self.fps))
             if not self._is_ended:
                 mel = hide_unheard(mel, start, self._heard() - start, self.fps)
             window = self._generate(mel, style, self._past[: self.spec.num_seed_frames], start)
         else:
-            window = np.broadcast_to(rest.astype(np.float32), (self.spec.num_frames, *rest.shape))
+            window = rest.astype(np.float32)
         new = self._rested(window, rest, weights)
         if self._join.first:
             new = new[self._join.first : self._join.first + self.hop]
@@ -225,11 +228,11 @@ class Stream:
         else:
             self._past = new[self.hop :]
         self._num_runs += 1
-        return self._rested(self._join.add(window), rest, weights[self._join.first :])
+        return self._rested(self._join.add(window), rest[self._join.first :], weights[self._join.first :])
 
     @staticmethod
     def _rested(motion: np.ndarray, rest: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """Return a motion (T, bones, 3) with weights (T,), 0 for the pose `rest` (bones, 3)."""
+        """Return a motion (T, bones, 3) with weights (T,), 0 for the motion `rest` (T, bones, 3)."""
         return motion if weights.min() == 1 else slerp(rest, motion, weights[:, None, None]).astype(np.float32)
 
     def _weights(self) -> np.ndarray:

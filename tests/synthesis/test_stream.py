@@ -189,14 +189,15 @@ def demo():
 
 @pytest.mark.parametrize("part", range(4))
 def test_a_stream_rests_within_a_second_of_silence(demo, part):
-    """Before speech, after it and in noise at -60 dBFS; each speaker has another seed."""
+    """Before speech, after it and in noise at -60 dBFS; each speaker has another seed. It is never still."""
     options = [{"look_ahead": 0}, {"look_ahead": 3}, {"look_ahead": 8, "hop": 2}, {"look_ahead": 0, "hop": 30}][part]
     noise = np.random.default_rng(part).normal(0, 1e-3, 2 * SAMPLE_RATE).astype(np.float32)
     sound = np.concatenate([np.zeros(SAMPLE_RATE, np.float32), speech(0.6), noise, speech(0.6)])
     for seed, speaker in list(enumerate(demo.assets.speakers))[part::8]:
         frames = streamed(demo, sound, style=Style(speaker=speaker), seed=seed, **options)
         speeds = movement_speeds(demo.assets.skeleton, frames)
-        assert speeds[: FPS - 9].max() < 0.05 and speeds[39:45].max() < 0.05
+        resting = np.concatenate([speeds[: FPS - 9], speeds[39:45]])
+        assert resting.min() > 0 and resting.max() < 0.05
         assert speeds[FPS:24].max() > 0.05 and speeds[54:].max() > 0.05
         assert np.abs(np.diff(speeds[44:52])).max() < 1.5  # and goes on without a jump
 

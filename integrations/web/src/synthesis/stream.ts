@@ -2,7 +2,8 @@
 
 import { checkEnergy } from "../motion/control/effects.js";
 import { EASE_SECONDS, Ramp, RunningControls } from "../motion/control/running.js";
-import { type Numbers, tile, unit } from "../motion/rotations.js";
+import { Idle } from "../motion/idle.js";
+import { type Numbers, unit } from "../motion/rotations.js";
 import { slerp } from "../motion/sphere.js";
 import { round } from "../rounding.js";
 import { FLOOR_DB, NUM_MELS, SAMPLE_RATE, windowColumn, windowColumns } from "../sound/mel.js";
@@ -29,6 +30,7 @@ export class Stream {
   private readonly join: RunningJoin;
   private readonly mel: RunningMel;
   private readonly controls: RunningControls;
+  private readonly idle: Idle;
   private readonly startPose: Float32Array;
   private readonly styleRamp: Ramp;
   private readonly restRamp: Promise<Ramp>;
@@ -57,6 +59,7 @@ export class Stream {
     this.style = chooseStyle(sampler.description, options, seed).values;
     this.styleRamp = new Ramp(this.style, fps);
     this.controls = new RunningControls(skeleton, fps, energy);
+    this.idle = new Idle(skeleton, seed);
     let first = num_seed_frames;
     // Without hidden ends the window ends where the speech that is heard ends.
     if (!has_hidden_ends) first = Math.min(Math.max(first, num_frames - lookAhead - hop + 1), num_frames - hop);
@@ -137,16 +140,17 @@ export class Stream {
     const { num_frames, num_seed_frames, fps, audio } = description;
     const { first } = this.join;
     const style = Float32Array.from(this.styleRamp.step(this.style, this.hop));
-    const rest = unit((await this.restRamp).step(await this.rest, this.hop), 3);
+    const pose = unit((await this.restRamp).step(await this.rest, this.hop), 3);
+    const start = this.numRuns * this.hop - first;
+    const rest = this.idle.frames(pose, start, num_frames, fps);
     const weights = this.weights();
     let window: Float32Array;
     if (weights.some(Boolean)) {
-      const start = this.numRuns * this.hop - first;
       const mel = this.mel.window(windowColumn(start, fps), audio.columns);
       if (!this.isEnded) hideUnheard(mel, start, this.heard() - start, fps);
       window = await this.sampler.run(mel, style, this.past.slice(0, num_seed_frames * size));
     } else {
-      window = Float32Array.from(tile(rest, num_frames));
+      window = Float32Array.from(rest);
     }
     const rested = withRest(window, rest, weights);
     if (first) {
@@ -158,7 +162,7 @@ export class Stream {
       this.past = rested.slice(this.hop * size);
     }
     this.numRuns++;
-    return withRest(this.join.add(window), rest, weights.subarray(first));
+    return withRest(this.join.add(window), rest.subarray(first * size), weights.subarray(first));
   }
 
   /**
@@ -231,12 +235,13 @@ export class Stream {
   }
 }
 
-/** Returns a motion (T, bones, 3) with weights (T), 0 for the pose `rest` (bones, 3). */
+/** Returns a motion (T, bones, 3) with weights (T), 0 for the motion `rest` (T, bones, 3). */
 function withRest(motion: Float32Array, rest: Numbers, weights: Numbers): Float32Array {
   const result = motion.slice();
+  const size = motion.length / weights.length;
   weights.forEach((weight, frame) => {
-    const at = frame * rest.length;
-    if (weight < 1) result.set(slerp(rest, motion.subarray(at, at + rest.length), weight), at);
+    const [at, end] = [frame * size, (frame + 1) * size];
+    if (weight < 1) result.set(slerp(rest.subarray(at, end), motion.subarray(at, end), weight), at);
   });
   return result;
 }

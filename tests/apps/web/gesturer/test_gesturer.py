@@ -80,10 +80,20 @@ def do_jobs(page_program, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def found(demo_folder, do_jobs, tmp_path_factory):
+def speech_with_a_pause(tmp_path_factory):
+    """A file with four seconds of faint noise, in which a stream rests."""
+    samples, rate = soundfile.read(SPEECH, dtype="float32")
+    samples[4 * rate : 8 * rate] = np.random.default_rng(0).normal(0, 1e-3, 4 * rate)
+    path = tmp_path_factory.mktemp("speech") / "pause.wav"
+    soundfile.write(path, samples, rate, subtype="FLOAT")
+    return path
+
+
+@pytest.fixture(scope="module")
+def found(demo_folder, speech_with_a_pause, do_jobs, tmp_path_factory):
     """What a page found for each of FILES and STREAMS."""
     folder = tmp_path_factory.mktemp("motions")
-    jobs = [{"options": options} for options in FILES] + list(STREAMS)
+    jobs = [{"options": options} for options in FILES] + [{"sound": speech_with_a_pause} | job for job in STREAMS]
     jobs = [{"sound": SPEECH, "out": folder / f"{index}.f32"} | job for index, job in enumerate(jobs)]
     answers = do_jobs(demo_folder, jobs)
     assert not [answer["error"] for answer in answers if "error" in answer]
@@ -116,8 +126,8 @@ def test_a_file(demo_folder, found, index):
 
 
 @pytest.mark.parametrize("index", range(len(STREAMS)))
-def test_a_stream(found, index):
-    job = STREAMS[index]
+def test_a_stream(found, index, speech_with_a_pause):
+    job = {"sound": speech_with_a_pause} | STREAMS[index]
     expected, latency = streamed(ha2g_jax.load("demo"), job)
     check_equal(found[len(FILES) + index]["directions"], expected)
     assert found[len(FILES) + index]["latency"] == pytest.approx(latency)
@@ -137,7 +147,7 @@ def streamed(model, job):
     style, controls = Style(speaker=options.pop("speaker", None)), Controls(energy=options.pop("energy", 1.0))
     ahead = {"look_ahead": options.pop("lookAhead")} if "lookAhead" in options else {}
     stream = model.stream(style=style, controls=controls, **ahead, **options)
-    samples, frames = read_audio(SPEECH), []
+    samples, frames = read_audio(job["sound"]), []
     for index, start in enumerate(range(0, len(samples), job["piece"])):
         change = job.get("changes", {}).get(index, {})
         stream.muted = change.get("muted", stream.muted)

@@ -1,0 +1,72 @@
+/** Idle movement of a figure that rests: it breathes and sways a little, as in `ha2g_jax/motion/idle.py`. */
+
+import type { Skeleton } from "../description.js";
+import { noiseTrack } from "../sound/noise.js";
+import { armParts, parts, SIDES } from "./control/parts.js";
+import { cross, fromVector, type Numbers, rotate, unit } from "./rotations.js";
+
+const SLOWNESS = 1.5; // of the noise, which so changes within three seconds
+const BREATHS = 0.25; // per second
+const BREATH_DEGREES = 0.7; // by which the shoulders rise and fall
+const [BREATH_PHASE, BREATH_DEPTH] = [0.7, 0.25]; // standard deviations of the phase in radians, and of the depth
+
+// Standard deviations in degrees about the axes x (lean), y (turn) and z (tilt), of the body, of the head on it, and of
+// each arm.
+const [BODY, HEAD, ARM] = [[0.5, 1.2, 0.5], [0.8, 1.5, 0.5], [0.7, 0.4, 0.4]];
+
+/** A figure that breathes and sways. */
+export class Idle {
+  private readonly turns: Numbers[]; // (bones, 3) rotation vectors of a breath, and of each of the other movements
+
+  constructor(
+    private readonly skeleton: Skeleton,
+    private readonly seed: number,
+  ) {
+    const all = [...skeleton.bones.keys()];
+    const head = parts(skeleton).filter((part) => part.kind === "head").flatMap((part) => part.bones);
+    const arms = SIDES.map((side) => armParts(skeleton, side).flatMap((part) => part.bones));
+    const moved: [number[], number[]][] = [[all, BODY], [head, HEAD], ...arms.map((arm): [number[], number[]] => [arm, ARM])];
+    this.turns = [this.breath(), ...moved.flatMap(([bones, degrees]) => degrees.map((_, axis) => {
+      const turn = new Float64Array(3 * all.length);
+      for (const bone of bones) turn[3 * bone + axis] = radians(degrees[axis]);
+      return turn;
+    }))];
+  }
+
+  /**
+   * Returns a pose as it breathes and sways.
+   *
+   * @param pose - (bones, 3) unit vectors.
+   * @param first - number of the first frame, which may be negative.
+   * @param count - number of frames.
+   * @param fps - frames per second.
+   * @returns (count, bones, 3) unit vectors.
+   */
+  frames(pose: Numbers, first: number, count: number, fps: number): Numbers {
+    const dim = 2 * (1 + this.turns.length);
+    const noise = noiseTrack(this.seed, first, count, SLOWNESS * fps, dim);
+    const result = new Float64Array(count * pose.length);
+    for (let k = 0; k < count; k++) {
+      const [shift, depth, ...sway] = noise.subarray(k * dim, k * dim + dim / 2);
+      const phase = ((2 * Math.PI * BREATHS) / fps) * (first + k) + BREATH_PHASE * shift;
+      const amounts = [(1 + BREATH_DEPTH * depth) * Math.sin(phase), ...sway];
+      const vectors = pose.map((_, at) => amounts.reduce((sum, amount, index) => sum + amount * this.turns[index][at], 0));
+      result.set(rotate(fromVector(vectors), pose), k * pose.length);
+    }
+    return result;
+  }
+
+  /** Returns the rotation vectors (bones, 3) that raise the shoulders. */
+  private breath(): Numbers {
+    const { bones, joints, mean_directions } = this.skeleton;
+    const turn = new Float64Array(3 * bones.length);
+    for (const side of SIDES) {
+      const bone = bones.findIndex(([, child]) => child === joints.indexOf(`${side}_shoulder`));
+      const axis = unit(cross(Float64Array.from(mean_directions[bone]), Float64Array.of(0, -1, 0)), 3);
+      turn.set(axis.map((value) => radians(BREATH_DEGREES) * value), 3 * bone);
+    }
+    return turn;
+  }
+}
+
+const radians = (degrees: number) => (degrees / 180) * Math.PI;
