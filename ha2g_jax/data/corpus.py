@@ -25,7 +25,7 @@ FILE = "dataset.json"
 VERSION = 2  # of the format of `FILE`
 
 TALK = "talk"  # name of the Talk corpus in configs and commands
-TALK_VERSION = "talk-v3"
+TALK_VERSION = "talk-v4"
 
 
 def corpus_folder(name: str) -> pathlib.Path:

@@ -40,10 +40,10 @@ class Stroke(NamedTuple):
     """A gesture whose cause is known: its hit, the start of the preparation and the end of the retraction, in seconds.
 
     Attributes:
-        kind: "beat", "semantic", "posture" or "nod".
+        kind: "beat", "stance", "semantic", "posture" or "nod".
         hand: "left", "right", "both", or "" if no hand moves.
         amplitude: size relative to an average stroke.
-        word_class: class of the word that caused the stroke, "" if none did.
+        word_class: class of the word that caused the stroke, name of a stance, else "".
     """
 
     time: float

@@ -389,7 +389,8 @@ def _causes(corpus: Corpus) -> Iterator[str]:
         return
     minutes = sum(len(fields["positions"]) for fields in clips) / corpus.fps / 60
     kinds = collections.Counter(stroke.kind for fields in clips for stroke in fields["strokes"])
-    causes = {"beat": "loud syllables", "nod": "pitch accents", "posture": "pauses", "semantic": "words"}
+    causes = {"beat": "loud syllables", "stance": "phrases", "nod": "pitch accents", "posture": "pauses"}
+    causes |= {"semantic": "words"}
     rows = [["stroke", "cause", "per minute"]]
     rows += [[kind, cause, f"{kinds[kind] / minutes:.1f}"] for kind, cause in causes.items()]
     yield (

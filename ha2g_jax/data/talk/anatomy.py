@@ -7,6 +7,7 @@ import itertools
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from ha2g_jax import skeleton as skeletons
 from ha2g_jax.data.talk import lexicon
@@ -14,9 +15,9 @@ from ha2g_jax.data.talk import lexicon
 # Degrees. Flexion forward and abduction sideways of the upper arm, its outward rotation about its own length,
 # elbow flexion, forearm pronation (0 thumb up, 90 palm down), wrist extension, wrist bend towards the thumb.
 ARM_LIMITS = {
-    "flexion": (-35.0, 110.0),
-    "abduction": (0.0, 85.0),
-    "rotation": (-65.0, 60.0),
+    "flexion": (-60.0, 110.0),
+    "abduction": (-25.0, 85.0),
+    "rotation": (-90.0, 70.0),
     "elbow": (8.0, 145.0),
     "pronation": (-75.0, 88.0),
     "extension": (-60.0, 60.0),
@@ -26,10 +27,14 @@ ARM_LIMITS = {
 TRUNK_LIMITS = (15.0, 15.0, 12.0)
 HEAD_LIMITS = (25.0, 35.0, 20.0)
 SHRUG_LIMIT = 12.0
+SPREAD_LIMITS = (4.0, 30.0)
 
 # Degrees at full flexion of the knuckle and of the joint after it, for each finger of the lexicon. The values make
 # a half-closed hand bend like the published means (index 23 and 50 degrees, pinky 47 and 30).
 FINGER_BEND = np.array([(40.0, 55.0), (58.0, 117.0), (82.0, 94.0), (86.0, 88.0), (98.0, 66.0)])
+
+_NEAREST_WRIST = 0.28  # metres from the shoulder
+_ELBOW_POLE = np.array([0.0, 0.75, 0.65])  # the side of the line from shoulder to wrist on which an elbow hangs
 
 # Azimuth in the palm (towards the thumb) and palmar drop of each metacarpal, degrees, chosen so that neighbouring
 # bones meet at the published angles.
@@ -45,6 +50,7 @@ class Body(NamedTuple):
         shrug: (T, 2) lift of the left and right shoulder.
         arms: (T, 2, 7) left and right arm.
         fingers: (T, 2, 5) flexion of thumb to pinky, 0 straight and 1 closed.
+        spread: (T, 2) angle between index and little finger where both are straight.
     """
 
     trunk: np.ndarray
@@ -52,6 +58,7 @@ class Body(NamedTuple):
     shrug: np.ndarray
     arms: np.ndarray
     fingers: np.ndarray
+    spread: np.ndarray
 
 
 def within_limits(body: Body) -> Body:
@@ -63,6 +70,7 @@ def within_limits(body: Body) -> Body:
         np.clip(body.shrug, -SHRUG_LIMIT, SHRUG_LIMIT),
         np.clip(body.arms, low, high),
         np.clip(body.fingers, 0, 1),
+        np.clip(body.spread, *SPREAD_LIMITS),
     )
 
 
@@ -81,43 +89,47 @@ def body_directions(skeleton: skeletons.Skeleton, body: Body) -> np.ndarray:
         raised = _perpendicular(np.array([0.0, -1.0, 0.0]), shoulder)
         parts = {"shoulder": _between(shoulder[None], raised[None], np.deg2rad(body.shrug[:, side]))}
         upper, fore, hand = _arm_frames(np.deg2rad(body.arms[:, side]))
-        parts |= {"elbow": upper, "wrist": fore} | _finger_directions(hand, body.fingers[:, side])
+        parts |= {"elbow": upper, "wrist": fore} | _finger_directions(hand, body.fingers[:, side], body.spread[:, side])
         for child, vectors in parts.items():
             rotated = np.einsum("tij,tj->ti", trunk, vectors * mirror)
             directions[:, skeleton.bone(f"{name}_{child}")] = rotated
     return directions
 
 
-def reach(skeleton: skeletons.Skeleton, wrist: tuple[float, float, float], swivel: float) -> np.ndarray:
-    """Find the arm angles that put the wrist at a point: (4,) flexion, abduction, rotation and elbow in degrees.
+def reach(skeleton: skeletons.Skeleton, wrists: np.ndarray, swivel: np.ndarray) -> np.ndarray:
+    """Find the arm angles that put the wrist at points: (T, 4) flexion, abduction, rotation and elbow in degrees.
 
     Args:
-        wrist: position of the wrist of the left arm relative to the shoulder, in metres outward, up and forward; a
-            point out of reach is moved along its direction into reach.
-        swivel: rotation of the elbow about the line from shoulder to wrist, in degrees; 0 is straight below the line,
+        wrists: (T, 3) positions of the wrist of the left arm relative to the shoulder, in metres outward, up and
+            forward; a point out of reach is moved along its direction into reach.
+        swivel: (T,) rotation of the elbow about the line from shoulder to wrist, in degrees; 0 is down and back,
             positive is outward.
     """
     upper_length = float(skeleton.lengths[skeleton.bone("left_elbow")])
     fore_length = float(skeleton.lengths[skeleton.bone("left_wrist")])
-    target = np.array([wrist[0], -wrist[1], -wrist[2]])
-    distance = np.clip(np.linalg.norm(target), 0.2, 0.99 * (upper_length + fore_length))
-    axis = target / np.linalg.norm(target)
-    target = axis * distance
+    target = wrists * np.array([1.0, -1.0, -1.0])
+    length = np.linalg.norm(target, axis=-1, keepdims=True)
+    farthest = 0.98 * (upper_length + fore_length)
+    distance = -at_least(-at_least(length, _NEAREST_WRIST), -farthest)
+    axis = target / length
     cosine = (upper_length**2 + distance**2 - fore_length**2) / (2 * upper_length * distance)
-    below = _perpendicular(np.array([0.0, 1.0, 0.0]), axis)
-    outward = _perpendicular(np.array([1.0, 0.0, 0.0]), axis)
-    outward = _perpendicular(outward, below)
-    angle = np.deg2rad(swivel)
-    side = np.cos(angle) * below + np.sin(angle) * outward
+    below = _perpendicular(_ELBOW_POLE, axis)
+    outward = np.cross(axis, below)
+    side = _between(below, outward, np.deg2rad(swivel))
     upper = cosine * axis + np.sqrt(1 - cosine**2) * side
-    fore = (target - upper_length * upper) / fore_length
-    flexion = np.arctan2(-upper[2], upper[1])
-    abduction = np.arcsin(np.clip(upper[0], -1, 1))
+    fore = (axis * distance - upper_length * upper) / fore_length
+    flexion = np.arctan2(-upper[:, 2], upper[:, 1])
+    abduction = np.arcsin(np.clip(upper[:, 0], -1, 1))
     _, forward, sideways = _upper_arm(flexion, abduction)
-    bend = _perpendicular(fore, upper)
-    rotation = np.arctan2(bend @ sideways, bend @ forward)
-    elbow = np.arccos(np.clip(upper @ fore, -1, 1))
-    return np.rad2deg([flexion, abduction, rotation, elbow])
+    rotation = np.arctan2(np.sum(fore * sideways, axis=-1), np.sum(fore * forward, axis=-1))
+    elbow = np.arccos(np.clip(np.sum(upper * fore, axis=-1), -1, 1))
+    return np.rad2deg(np.stack([flexion, abduction, rotation, elbow], axis=-1))
+
+
+def at_least(values: np.ndarray, least: npt.ArrayLike) -> np.ndarray:
+    """Return the greater of each value in metres and a bound, with a rounded corner of two centimetres."""
+    above = values - least
+    return least + np.where(np.abs(above) < 0.02, (above + 0.02) ** 2 / 0.08, np.maximum(above, 0))
 
 
 def finger_flexions(skeleton: skeletons.Skeleton, directions: np.ndarray) -> np.ndarray:
@@ -125,17 +137,29 @@ def finger_flexions(skeleton: skeletons.Skeleton, directions: np.ndarray) -> np.
     closed.
 
     The inverse of `body_directions`: the sum of the angles at the two joints of a finger over the sum of their full
-    ranges.
+    ranges. At the knuckle a finger bends out of the plane of the metacarpals of index and little finger; fingers that
+    are spread are not bent.
     """
     unit = skeletons.normalize(directions)
     flexions = np.zeros((*directions.shape[:-2], 2, len(lexicon.FINGERS)), directions.dtype)
     for side, name in enumerate(("left", "right")):
+        index, little, along = (
+            unit[..., skeleton.bone(f"{name}_{finger}_1"), :] for finger in ("index", "pinky", "middle")
+        )
+        palm = skeletons.normalize(np.cross(little, index) if side == 0 else np.cross(index, little))
         for finger, finger_name in enumerate(lexicon.FINGERS):
             bones = [unit[..., skeleton.bone(f"{name}_{finger_name}_{part}"), :] for part in (1, 2, 3)]
-            cosines = [np.sum(a * b, axis=-1) for a, b in itertools.pairwise(bones)]
-            bend = sum(np.arccos(np.clip(cosine, -1, 1)) for cosine in cosines)
-            flexions[..., side, finger] = np.rad2deg(bend) / FINGER_BEND[finger].sum()
+            knuckle, middle = (_angle(a, b) for a, b in itertools.pairwise(bones))
+            if finger_name != "thumb":
+                down, ahead = (np.sum(bones[1] * axis, axis=-1) for axis in (palm, along))
+                knuckle = np.arcsin(np.clip(down, 0, 1))
+                knuckle = np.where(ahead < 0, np.pi - knuckle, knuckle)
+            flexions[..., side, finger] = np.rad2deg(knuckle + middle) / FINGER_BEND[finger].sum()
     return flexions
+
+
+def _angle(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    return np.arccos(np.clip(np.sum(first * second, axis=-1), -1, 1))
 
 
 def _neutral_directions(skeleton: skeletons.Skeleton) -> np.ndarray:
@@ -170,19 +194,26 @@ def _between(first: np.ndarray, second: np.ndarray, angle: np.ndarray) -> np.nda
     return np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second
 
 
-def _finger_directions(hand: np.ndarray, flexions: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the directions (T, 3) of the three bones of each finger of one hand from its axes and flexions (T, 5)."""
+def _finger_directions(hand: np.ndarray, flexions: np.ndarray, spread: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the directions (T, 3) of the three bones of each finger of one hand from its axes, its flexions (T, 5) and
+    the angle (T,) between index and little finger.
+    """
     parts = {}
+    share = np.deg2rad(spread) / np.deg2rad(_METACARPALS[1, 0] - _METACARPALS[4, 0])
     for finger, name in enumerate(lexicon.FINGERS):
         azimuth, drop = np.deg2rad(_METACARPALS[finger])
         local = np.array([np.cos(drop) * np.cos(azimuth), np.cos(drop) * np.sin(azimuth), -np.sin(drop)])
-        # A finger curls into the palm; the thumb also swings across it.
-        curl = np.array([0.0, -0.8, -0.6]) if name == "thumb" else np.array([0.0, 0.0, -1.0])
-        curl = _perpendicular(curl, local)
+        # A finger is nearer to the middle one than its metacarpal, and curls into the palm; the thumb goes on along
+        # its own, and also swings across the palm.
+        if name == "thumb":
+            straight, curl = local[None], _perpendicular(np.array([0.0, -0.8, -0.6]), local)
+        else:
+            own = share * azimuth
+            straight, curl = np.stack([np.cos(own), np.sin(own), 0 * own], axis=-1), np.array([0.0, 0.0, -1.0])
         knuckle, middle = (np.deg2rad(bend) * flexions[:, finger] for bend in FINGER_BEND[finger])
-        for part, angle in enumerate((np.zeros_like(knuckle), knuckle, knuckle + middle)):
-            vectors = _between(local[None], curl[None], angle)
-            parts[f"{name}_{part + 1}"] = np.einsum("ta,tai->ti", vectors, hand)
+        vectors = (local[None], _between(straight, curl, knuckle), _between(straight, curl, knuckle + middle))
+        for part, vector in enumerate(vectors):
+            parts[f"{name}_{part + 1}"] = np.einsum("ta,tai->ti", np.broadcast_to(vector, (len(hand), 3)), hand)
     return parts
 
 
@@ -202,6 +233,6 @@ def axis_rotation(axis: int, angle: np.ndarray) -> np.ndarray:
 
 
 def _perpendicular(vector: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Return the part of a vector (3,) at right angles to a unit axis (3,), scaled to unit length."""
-    rest = vector - (vector @ axis) * axis
-    return rest / np.linalg.norm(rest)
+    """Return the part of a vector (3,) at right angles to unit axes (..., 3), scaled to unit length."""
+    rest = vector - np.sum(vector * axis, axis=-1, keepdims=True) * axis
+    return rest / np.linalg.norm(rest, axis=-1, keepdims=True)

@@ -25,7 +25,9 @@ _ACCENT_GAP = 0.6
 LATENCY = 0.06  # seconds that gestures are late or early at either end of the style's range
 _BEAT_GAP = 0.5
 WEAKEST_BEAT = 0.75
-_RISE, _REST, _REBOUND = 0.42, 0.03, 0.22
+_LIVELY_SECONDS = 4.0
+_USUAL_LOUDNESS, _USUAL_PITCH = 0.165, 2.2  # standard deviations over syllables
+_RISE, _REST, _REBOUND, _BEYOND = 0.48, 0.03, 0.3, 0.15
 _HOLD = 0.55
 
 
@@ -128,6 +130,24 @@ class WordGesture(NamedTuple):
     end: float
 
 
+def liveliness(cues: Cues, moments: np.ndarray) -> np.ndarray:
+    """Return how lively the speech is around moments (n,) in seconds: 1 on average, from 0.6 to 1.6.
+
+    It is the spread of the loudness and of the pitch of the syllables within a few seconds.
+    """
+    times, loudness = cues.nuclei.T
+    if not len(times):
+        return np.ones(len(moments))
+    pitch = cues.pitch[np.minimum(np.round(times * RATE).astype(int), len(cues.pitch) - 1)]
+    weights = np.exp(-((moments[:, None] - times) ** 2) / (2 * _LIVELY_SECONDS**2)) + 1e-3
+    weights /= weights.sum(axis=1, keepdims=True)
+    spreads = [
+        np.sqrt(np.maximum(weights @ track**2 - (weights @ track) ** 2, 0)) / usual
+        for track, usual in ((loudness, _USUAL_LOUDNESS), (pitch, _USUAL_PITCH))
+    ]
+    return np.clip(spreads[0] ** 0.8 * spreads[1] ** 0.25, 0.6, 1.6)
+
+
 def track(times: np.ndarray, keys: Sequence[tuple[float, Sequence[float] | float]]) -> np.ndarray:
     """Interpolate key poses by minimum-jerk movement, x = a + (b - a)(10 u^3 - 15 u^4 + 6 u^5).
 
@@ -156,27 +176,28 @@ def plan_beats(cues: Cues, latency: float) -> tuple[Beat, ...]:
     for moment, loudness in sorted(tuple(nucleus) for nucleus in chosen):
         hit = moment + latency
         # A stroke soon after another is quicker, but never too quick for the frame rate to show it.
-        stroke = np.clip(0.48 * (hit - last), 0.20, 0.24)
+        stroke = np.clip(0.48 * (hit - last), 0.22, 0.28)
         pitch = float(cues.pitch[min(round(moment * RATE), len(cues.pitch) - 1)])
         beats.append(Beat(hit - stroke, hit, loudness, pitch))
         last = hit
     return tuple(beats)
 
 
-def beat_keys(beats: Sequence[Beat], sizes: Sequence[float]) -> list[tuple[float, float]]:
-    """Return the keys (time, height), for `track`, of a hand that beats.
+def beat_keys(beats: Sequence[Beat], sizes: np.ndarray) -> list[tuple[float, np.ndarray]]:
+    """Return the keys, for `track`, of the offsets of a hand that beats.
 
-    Each beat has a height in metres at its apex; at the hit the hand is a little below rest.
+    Each beat has an offset, a row of sizes (beats, D), at its apex; at the hit the hand is a little beyond rest.
     """
-    keys = [(-1.0, 0.0)]
+    none = np.zeros(sizes.shape[1])
+    keys = [(-1.0, none)]
     for beat, size in zip(beats, sizes, strict=True):
         rise = beat.apex - _RISE
         if rise > keys[-1][0]:
-            keys.append((rise, 0.0))
+            keys.append((rise, none))
         elif len(keys) > 1 and beat.apex < keys[-1][0] + 0.12:
             keys.pop()  # co-articulation: the next stroke is prepared from where this one ended
-        keys += [(beat.apex, size), (beat.hit - _REST, -0.3 * size), (beat.hit + _REST, -0.3 * size)]
-        keys.append((beat.hit + _REBOUND, 0.0))
+        keys += [(beat.apex, size), (beat.hit - _REST, -_BEYOND * size), (beat.hit + _REST, -_BEYOND * size)]
+        keys.append((beat.hit + _REBOUND, none))
     return keys
 
 
@@ -210,7 +231,7 @@ def gesture_keys(gestures: Sequence[WordGesture], ready: Sequence, peak: Sequenc
             value.append((gesture.start, ready[index]))
         weight += [(gesture.release, 1.0), (gesture.end, 0.0)]
         value += [(gesture.ready, ready[index]), (gesture.peak, peak[index]), (gesture.release, peak[index])]
-    return _in_order(weight), _in_order(value)
+    return in_order(weight), in_order(value)
 
 
 def plan_posture(pauses: np.ndarray) -> list[tuple[float, float]]:
@@ -223,10 +244,11 @@ def plan_posture(pauses: np.ndarray) -> list[tuple[float, float]]:
             (min(end + 0.25, start + 1.0), side * np.clip(0.5 + 0.6 * (end - start), 0.6, 1.0)),
         ]
         side = -side
-    return _in_order(keys)
+    return in_order(keys)
 
 
-def _in_order(keys: list) -> list:
+def in_order(keys: list) -> list:
+    """Return keys whose times do not go back."""
     if not keys:
         return keys
     moments = np.maximum.accumulate([moment for moment, _ in keys])

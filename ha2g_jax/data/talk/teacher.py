@@ -20,6 +20,7 @@ from ha2g_jax import skeleton as skeletons
 from ha2g_jax.data.records import Stroke
 from ha2g_jax.data.talk import anatomy, lexicon, strokes
 from ha2g_jax.data.talk.speakers import Style
+from ha2g_jax.data.talk.stances import REST, arm_track, draw_stances, plan_moves
 from ha2g_jax.features.text import Word
 
 SKELETON = "ted_expressive"
@@ -27,12 +28,13 @@ SKELETON = "ted_expressive"
 _RATE = 60  # frames per second at which movement is composed
 _JITTER = 0.008  # standard deviation of the random part of the latency, in seconds
 _FOREARM = 0.33  # metres from elbow to wrist
-_LOUD = 1.03  # loudness from which a syllable moves both hands
 _LOW_PITCH = -0.3  # semitones from which down a beat is made by the other hand
-_WIDE_PITCH = 3.0  # semitones at which a beat goes as far to the side as up
-_RAISED_ARM = np.array([22.0, 14.0, 30.0, 44.0, 12.0, 10.0, 0.0])  # degrees that loud speech adds to a resting arm
-_AVERAGE_BEAT = 0.13  # metres that the wrist is raised
-_AVERAGE_NOD = 7.5  # degrees
+_WIDE_PITCH = 3.0  # semitones at which a beat goes far to the side
+_AVERAGE_BEAT = 0.07  # metres that the wrist is raised
+_AVERAGE_NOD = 4.0  # degrees
+_SHIFT_SIZE = 0.3  # of a shift within a stance, in that of a new stance
+_ARM_SWAY = np.array([0.04, 0.015, 0.04, 4.0, 6.0, 4.0, 3.0])  # standard deviations of `stances.ARM` in speech
+_REST_SWAY = 0.3  # of it at rest
 
 
 class Movement(NamedTuple):
@@ -66,19 +68,7 @@ def perform(
 
 def hand_gains(style: Style) -> np.ndarray:
     """Return the weight (2,) of the movement of the left and the right hand; that of the dominant hand is 1."""
-    return np.minimum(1.0, 4.0 ** (np.array([-1.0, 1.0]) * style.handedness))
-
-
-def beat_hands(beats: Sequence[strokes.Beat], style: Style) -> np.ndarray:
-    """Choose the hands that make each beat, (beats, 2) left and right.
-
-    A loud syllable moves both hands, another one of low pitch the hand that is not dominant, and the rest the dominant
-    hand.
-    """
-    is_loud = np.array([beat.loudness >= _LOUD for beat in beats], bool)
-    is_low = np.array([beat.pitch <= _LOW_PITCH for beat in beats], bool)
-    by_dominant, by_other = is_loud | ~is_low, is_loud | is_low
-    return np.stack([by_other, by_dominant] if style.handedness >= 0 else [by_dominant, by_other], axis=-1)
+    return np.minimum(1.0, 2.0 ** (1.2 * np.array([-1.0, 1.0]) * style.handedness))
 
 
 def _rounded(stroke: Stroke) -> Stroke:
@@ -91,43 +81,51 @@ def _compose(skeleton, audio, words, style, rng) -> tuple[anatomy.Body, list[Str
     found = strokes.find_cues(audio)
     times = np.arange(int(np.ceil(len(audio) / strokes.SAMPLE_RATE * _RATE)) + 2) / _RATE
     latency = strokes.LATENCY * style.latency + _JITTER * rng.standard_normal()
+    stance_rng, beat_rng, sway_rng = rng.spawn(3)
     beats = strokes.plan_beats(found, latency)
     gestures = strokes.plan_word_gestures(words, latency)
-    arms, arm_strokes = _arms(skeleton, times, found, beats, gestures, style)
-    trunk, head, shrug, body_strokes = _trunk_and_head(times, found, style, latency)
+    moves = plan_moves(found.nuclei[:, 0] + latency, beats, stance_rng)
+    liveliness = strokes.liveliness(found, np.array([move.hit for move in moves]))
+    stances = draw_stances(moves, liveliness, style, stance_rng)
+    arms, arm_strokes = _arms(skeleton, times, found, beats, gestures, stances, style, beat_rng, sway_rng)
+    trunk, head, shrug, body_strokes = _trunk_and_head(times, found, stances, style, latency)
     fingers = _fingers(times, gestures, style)
     body = anatomy.Body(
-        trunk + 0.5 * _sway(rng, trunk.shape),
-        head + 0.6 * _sway(rng, head.shape),
+        trunk + np.array([0.8, 2.5, 1.2]) * _sway(sway_rng, trunk.shape, 1.0),
+        head + np.array([1.2, 2.5, 1.2]) * _sway(sway_rng, head.shape, 1.0),
         shrug,
-        arms + 1.2 * _sway(rng, arms.shape),
-        fingers + 0.006 * _sway(rng, fingers.shape),
+        arms,
+        fingers + 0.006 * _sway(sway_rng, fingers.shape),
+        14.0 - 2.5 * style.curl + 1.5 * _sway(sway_rng, (len(times), 2), 1.5),
     )
     return body, arm_strokes + body_strokes
 
 
-def _arms(skeleton, times, found, beats, gestures, style) -> tuple[np.ndarray, list[Stroke]]:
-    """Compute the angles (T, 2, 7) of the arms: rest and lift, blended with the word gestures, plus beats."""
-    gains = hand_gains(style)
-    beat_size = 2.0 ** (0.5 * style.amplitude + 0.25 * style.mixing)
-    # Low-level causes: each syllable's loudness sets the size of its beat, and smoothed loudness lifts the arms.
-    loudness = np.array([beat.loudness for beat in beats])
-    heights = beat_size * (0.06 + 0.16 * np.clip((loudness - strokes.WEAKEST_BEAT) / 0.35, 0, 1))
-    sideways = heights * np.clip([beat.pitch / _WIDE_PITCH for beat in beats], -1, 1)
-    hands = beat_hands(beats, style)
-    lift = _lift(found, times, style)
+def _arms(
+    skeleton, times, found, beats, gestures, stances, style, beat_rng, sway_rng
+) -> tuple[np.ndarray, list[Stroke]]:
+    """Compute the angles (T, 2, 7) of the arms: stances, blended with the word gestures, plus beats and sway."""
+    offsets, hands = _beat_offsets(found, beats, stances, style, beat_rng)
+    sway = 2.0 ** (0.6 * style.amplitude) * _awake(times, stances)[:, None] * _ARM_SWAY
     arms = np.zeros((len(times), 2, len(anatomy.ARM_LIMITS)))
-    for side, gain in enumerate(gains):
-        arm = _rest_arm(style)[None] + lift[:, side, None] * _RAISED_ARM[None]
-        arm = _blend_gestures(skeleton, arm, times, gestures, style, side)
-        sizes = np.where(hands[:, side], np.sqrt(gain), 0.3 * gain)
-        height, outward = (strokes.track(times, strokes.beat_keys(beats, sizes * size)) for size in (heights, sideways))
-        arms[:, side] = arm + _beat_angles(height, outward)
+    for side in range(2):
+        arm = _blend_gestures(arm_track(times, stances, side), times, gestures, style, side)
+        arm += sway * _sway(sway_rng, arm.shape, 0.4)
+        beat = strokes.track(times, strokes.beat_keys(beats, offsets[:, side]))
+        wrist = _clear_of_the_body(arm[:, :3] + beat)
+        # An elbow is less outward where the hand is high or far to the side; the hand is behind in a beat.
+        swivel = arm[:, 3] - 60 * (wrist[:, 1] + 0.4) - 80 * np.maximum(wrist[:, 0] - 0.1, -0.1)
+        arm[:, 5] += np.rad2deg(1.5 * (_sample(beat[:, 1], np.arange(len(beat)) - 3) - beat[:, 1]) / _FOREARM)
+        arms[:, side] = np.concatenate([anatomy.reach(skeleton, wrist, swivel), arm[:, 4:]], axis=-1)
     names = ("left", "right")
     performed = []
-    for beat, height, made in zip(beats, heights, hands, strict=True):
+    for stance in stances:
+        size = _SHIFT_SIZE if stance.move.kind == "shift" else 1.0
+        hit = stance.move.hit
+        performed.append(Stroke(hit, stance.start, hit, "stance", stance.hand, size, stance.name))
+    for beat, offset, made in zip(beats, offsets, hands, strict=True):
         hand = "both" if made.all() else names[int(made[1])]
-        size = float(height / _AVERAGE_BEAT)
+        size = float(offset[:, 1].max() / _AVERAGE_BEAT)
         performed.append(Stroke(beat.hit, beat.apex - 0.2, beat.hit + 0.08, "beat", hand, size, ""))
     dominant = names[int(style.handedness >= 0)]
     for gesture in gestures:
@@ -136,63 +134,82 @@ def _arms(skeleton, times, found, beats, gestures, style) -> tuple[np.ndarray, l
     return arms, performed
 
 
-def _lift(found: strokes.Cues, times: np.ndarray, style: Style) -> np.ndarray:
-    """Return how far each arm is raised (T, 2), 0 at rest: loudness over a phrase, and half as much over a moment.
+def _awake(times, stances) -> np.ndarray:
+    """Return how much the arms sway (T,): 1 in speech, less at rest."""
+    keys = [(-1.0, _REST_SWAY)]
+    for stance in stances:
+        keys += [(stance.start, keys[-1][1]), (stance.move.hit, _REST_SWAY if stance.name == REST else 1.0)]
+    return strokes.track(times, strokes.in_order(keys))
 
-    A phrase of high pitch raises the dominant hand more, one of low pitch the other hand.
+
+def _beat_offsets(found, beats, stances, style, rng) -> tuple[np.ndarray, np.ndarray]:
+    """Draw where each hand is at the apex of each beat (beats, 2, 3), in metres outward, up and forward, and choose the
+    hands (beats, 2) that make it.
+
+    The size grows with the loudness of the syllable. A stance has beats of both hands, of one, or in turns, where a
+    syllable of low pitch moves the hand that is not dominant.
     """
-    phrase, moment = (ndimage.gaussian_filter1d(found.loudness, width * strokes.RATE) for width in (0.6, 0.2))
-    pitch = ndimage.gaussian_filter1d(found.pitch, 0.6 * strokes.RATE)
-    dominant = 0.4 * np.clip(pitch / 2, -1, 1) * (1 if style.handedness >= 0 else -1)
-    sides = 0.35 + 0.65 * hand_gains(style) + np.stack([-dominant, dominant], axis=-1)
-    return np.minimum(_sample(1.4 * ((2 * phrase + moment) / 3)[:, None] * sides, times * strokes.RATE), 1.4)
+    loudness, pitch = (np.array([getattr(beat, name) for beat in beats]) for name in ("loudness", "pitch"))
+    size = 2.0 ** (0.8 * style.amplitude + 0.25 * style.mixing)
+    size = size * strokes.liveliness(found, np.array([beat.hit for beat in beats])) * rng.lognormal(0, 0.35, len(beats))
+    height = size * (0.032 + 0.05 * np.clip((loudness - strokes.WEAKEST_BEAT) / 0.35, 0, 1))
+    direction = np.ones((len(beats), 2, 3))
+    direction[..., 0] = 0.1 + 0.4 * np.clip(pitch / _WIDE_PITCH, -1, 1)[:, None]
+    direction[..., 2] = 0.3
+    spread = np.array([1.0, 0.0, 1.0])
+    direction += spread * (0.5 * rng.standard_normal((len(beats), 1, 3)) + 0.4 * rng.standard_normal(direction.shape))
+    dominant = int(style.handedness >= 0)
+    hands = np.ones((len(beats), 2), bool)
+    of_beats = [stance for stance in stances if stance.move.is_beat]
+    for beat, stance, made in zip(beats, of_beats, hands, strict=True):
+        if stance.pattern == "turns":
+            made[dominant if beat.pitch <= _LOW_PITCH else 1 - dominant] = False
+        elif stance.pattern == "one":
+            made[1 - (dominant if stance.hand == "both" else int(stance.hand == "right"))] = False
+    gains = hand_gains(style) * np.where(hands, 1.0, 0.35) * rng.lognormal(0, 0.25, hands.shape)
+    heights = np.clip(height, 0.025, 0.16)[:, None] * gains
+    return heights[..., None] * np.clip(direction, -1.2, 1.2), hands
 
 
-def _rest_arm(style: Style) -> np.ndarray:
-    """Return the angles (7,) of a resting arm: bent in front of the trunk, higher and wider with the style's elbow."""
-    rest = np.array([-12.0, 12.0, -30.0, 56.0, 10.0, -12.0, 3.0])
-    return rest + style.elbow * np.array([3.0, 7.0, -5.0, 9.0, 14.0, 0.0, 0.0])
-
-
-def _blend_gestures(skeleton, arm, times, gestures, style, side) -> np.ndarray:
+def _blend_gestures(arm, times, gestures, style, side) -> np.ndarray:
     dominant = int(style.handedness >= 0)
     mine = [gesture for gesture in gestures if side == dominant or lexicon.ARM_PATHS[gesture.word_class].both]
     if not mine:
         return arm
     paths = [lexicon.ARM_PATHS[gesture.word_class] for gesture in mine]
-    swivel = 24 + 10 * style.elbow
-    ready = [np.array([*anatomy.reach(skeleton, path.wind_up, swivel), path.pronation, 0, 0]) for path in paths]
-    peak = [
-        np.array([*anatomy.reach(skeleton, path.peak, swivel), path.pronation, path.extension, 0]) for path in paths
-    ]
+    swivel = 28 + 10 * style.elbow
+    ready = [np.array([*path.wind_up, swivel, path.pronation, 0, 0]) for path in paths]
+    peak = [np.array([*path.peak, swivel, path.pronation, path.extension, 0]) for path in paths]
     keys, value = strokes.gesture_keys(mine, ready, peak)
-    weight = strokes.track(times, keys)[:, None] * 0.9 * 2.0 ** (0.15 * (style.amplitude - style.mixing) - 0.3)
+    weight = strokes.track(times, keys)[:, None] * 0.65 * 2.0 ** (0.15 * (style.amplitude - style.mixing))
     return arm + np.minimum(weight, 1) * (strokes.track(times, value) - arm)
 
 
-def _beat_angles(height: np.ndarray, outward: np.ndarray) -> np.ndarray:
-    """Return offsets (T, 7) in degrees that raise the wrist by `height` (T,) metres and move it outward by `outward`.
+def _clear_of_the_body(wrist: np.ndarray) -> np.ndarray:
+    """Keep a wrist (T, 3) where an arm is at ease: before the trunk, and lower where it crosses it."""
+    outward, up, forward = wrist.T
+    outward = -anatomy.at_least(-outward, -0.5)
+    crossing = _step((0.06 - outward) / 0.2)
+    up = -anatomy.at_least(-up, 0.22 * crossing - 0.12)
+    return np.stack([outward, up, anatomy.at_least(forward, 0.03 + 0.22 * crossing)], axis=-1)
 
-    Small beats come from the elbow, large ones also move the upper arm; the hand lags by 3 steps.
+
+def _step(values: np.ndarray) -> np.ndarray:
+    values = np.clip(values, 0, 1)
+    return values**2 * (3 - 2 * values)
+
+
+def _trunk_and_head(times, found, stances, style, latency) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[Stroke]]:
+    """Compute middle-level movement: pitch lifts head and shoulders, accents cause nods, pauses change the posture, and
+    the trunk turns to the side of a stance.
     """
-    bend, turn = np.rad2deg(height / _FOREARM), np.rad2deg(outward / _FOREARM)
-    large = np.abs(height) / 0.12
-    behind = np.roll(bend, 3)
-    behind[:3] = bend[0]
-    zeros = np.zeros_like(bend)
-    offsets = [0.25 * bend * large, 0.15 * bend + 0.2 * turn, -0.5 * bend + turn, 0.75 * bend, -0.5 * bend]
-    return np.stack([*offsets, 1.8 * (behind - bend), zeros], axis=-1)
-
-
-def _trunk_and_head(times, found, style, latency) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[Stroke]]:
-    """Compute middle-level movement: pitch lifts head and shoulders, accents cause nods, pauses change the posture."""
     size = 2.0 ** (0.5 * style.amplitude - 0.3 * style.mixing)
     pitch = _sample(found.pitch, (times - latency) * strokes.RATE)
     nods = [(-1.0, 0.0)]
     performed = []
     for moment, rise in found.accents:
         hit = moment + latency
-        depth = size * (3.0 + 1.8 * rise)
+        depth = size * (1.5 + 0.9 * rise)
         if hit - 0.3 < nods[-1][0]:
             nods.pop()
         nods += [(hit - 0.28, 0.0), (hit, depth), (hit + 0.4, 0.0)]
@@ -202,11 +219,15 @@ def _trunk_and_head(times, found, style, latency) -> tuple[np.ndarray, np.ndarra
     side = strokes.track(times, keys)
     for start, end in zip(keys[1::2], keys[2::2], strict=True):
         performed.append(Stroke(end[0], start[0], end[0], "posture", "", float(size), ""))
+    turns = [(-1.0, np.zeros(3))]
+    for stance in stances:
+        turns += [(stance.start, turns[-1][1]), (stance.move.hit + 0.15, stance.trunk)]
+    turn = strokes.track(times, strokes.in_order(turns))
     excited = np.clip(pitch, -3, 6)
-    trunk = size * np.stack([-0.6 * excited, 7.0 * side, 3.5 * side], axis=-1)
-    head = np.stack([nod - size * 1.6 * excited, 12.0 * size * side, -5.0 * size * side], axis=-1)
+    lean = np.stack([-0.5 * excited, 2.5 * side, 1.5 * side], axis=-1)
+    head = np.stack([nod - size * 0.8 * excited, 3.0 * size * side, -2.0 * size * side], axis=-1)
     shrug = np.stack([size * (1.0 * excited + 1.5 * side), size * (1.0 * excited - 1.5 * side)], axis=-1)
-    return trunk, head, shrug, performed
+    return turn + size * lean, head - np.array([0.3, 0.6, 0.4]) * turn, shrug, performed
 
 
 def _fingers(times, gestures, style) -> np.ndarray:
@@ -224,9 +245,9 @@ def _fingers(times, gestures, style) -> np.ndarray:
     return fingers
 
 
-def _sway(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
+def _sway(rng: np.random.Generator, shape: tuple[int, ...], seconds: float = 0.7) -> np.ndarray:
     """Draw slow noise of unit variance along the first axis."""
-    width = 0.7 * _RATE
+    width = seconds * _RATE
     noise = ndimage.gaussian_filter1d(rng.standard_normal(shape), width, axis=0, mode="wrap")
     return noise * np.sqrt(2 * np.sqrt(np.pi) * width)
 

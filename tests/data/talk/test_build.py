@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from ha2g_jax.data.corpus import Corpus
+from ha2g_jax.data.corpus import TALK_VERSION, Corpus
 from ha2g_jax.data.talk import build
 
 
@@ -110,8 +110,8 @@ def test_talk_path(monkeypatch, tmp_path, capsys):
 
     monkeypatch.setenv("HA2G_CACHE", str(tmp_path))
     monkeypatch.setattr(build, "make_talk", make)
-    assert build.talk_path("talk") == build.talk_path("talk") == tmp_path / "talk-v3"
+    assert build.talk_path("talk") == build.talk_path("talk") == tmp_path / TALK_VERSION
     assert len(calls) == 1
     lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 1 and "is made once" in lines[0] and f"kept in {tmp_path / 'talk-v3'}" in lines[0]
+    assert len(lines) == 1 and "is made once" in lines[0] and f"kept in {tmp_path / TALK_VERSION}" in lines[0]
     assert str(build.talk_path("some/folder")) == "some/folder"

@@ -103,22 +103,30 @@ def test_hand_shapes_are_told_apart_by_the_fingers_alone():
         assert np.linalg.norm(np.subtract(first, second)) > 0.6
 
 
-def test_flexions_are_read_back_from_a_drawn_hand():
+@pytest.mark.parametrize("spread", [0.0, 14.0, 40.0])
+def test_flexions_are_read_back_from_a_drawn_hand(spread):
     skeleton = skeletons.load_skeleton("ted_expressive")
     shapes = np.array(list(lexicon.HAND_SHAPES.values()))
     fingers = np.stack([shapes, shapes[::-1]], axis=1)
     trunk, head, shrug = (np.zeros((len(shapes), size)) for size in (3, 3, 2))
-    body = anatomy.Body(trunk, head, shrug, np.full((len(shapes), 2, 7), 20.0), fingers)
+    body = anatomy.Body(
+        trunk, head, shrug, np.full((len(shapes), 2, 7), 20.0), fingers, np.full((len(shapes), 2), spread)
+    )
     read = anatomy.finger_flexions(skeleton, anatomy.body_directions(skeleton, body))
     np.testing.assert_allclose(read, fingers, atol=1e-6)
+    straight = anatomy.body_directions(skeleton, body._replace(fingers=np.zeros_like(fingers)))
+    index, little = (straight[:, skeleton.bone(f"left_{name}_3")] for name in ("index", "pinky"))
+    np.testing.assert_allclose(np.rad2deg(np.arccos(np.sum(index * little, axis=-1))), spread, atol=1e-3)
 
 
 def test_inverse_kinematics_reaches_every_path():
     skeleton = skeletons.load_skeleton("ted_expressive")
     for path in lexicon.ARM_PATHS.values():
         arms = np.zeros((1, 2, 7))
-        arms[..., :4] = anatomy.reach(skeleton, path.peak, swivel=20)
-        body = anatomy.Body(np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 2)), arms, np.zeros((1, 2, 5)))
+        arms[..., :4] = anatomy.reach(skeleton, np.array([path.peak]), np.array([20.0]))
+        body = anatomy.Body(
+            np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 2)), arms, np.zeros((1, 2, 5)), np.full((1, 2), 14.0)
+        )
         assert all(np.allclose(a, b) for a, b in zip(body, anatomy.within_limits(body), strict=True))
         pose = skeletons.directions_to_positions(skeleton, anatomy.body_directions(skeleton, body))[0]
         for side, sign in (("left", 1), ("right", -1)):

@@ -6,6 +6,7 @@ import pytest
 from ha2g_jax import skeleton as skeletons
 from ha2g_jax.data.talk import anatomy, lexicon, speakers, strokes, teacher
 from ha2g_jax.features.text import Word
+from ha2g_jax.metrics.beats.strokes import match, recall, stroke_beats
 
 SKELETON = skeletons.load_skeleton(teacher.SKELETON)
 SECONDS = 10
@@ -42,7 +43,9 @@ def test_same_seed_same_bytes_and_frames_as_long_as_the_audio():
     assert first.strokes == second.strokes
     assert first.positions.shape == (SECONDS * 15, 43, 3)
     assert first.positions.dtype == np.float32
-    assert np.abs(first.positions - other.positions).max() < 0.06  # noise is small: motion follows from its causes
+    wrists = [SKELETON.joint("left_wrist"), SKELETON.joint("right_wrist")]
+    apart = np.linalg.norm(first.positions[:, wrists] - other.positions[:, wrists], axis=-1)
+    assert apart.mean() > 0.1  # stances are drawn
 
 
 def test_bones_keep_their_lengths():
@@ -54,7 +57,9 @@ def test_hands_rest_in_a_long_pause():
     movement = perform(speech(syllables=SYLLABLES[[0, 1, 2, 7]]), words=())
     speed = wrist_speed(movement)
     assert speed[15:40].max() > 0.5
-    assert speed[60:115].max() < 0.15
+    assert speed[63:110].max() < 0.1
+    wrists = movement.positions[63:110, [SKELETON.joint("left_wrist"), SKELETON.joint("right_wrist")], 1]
+    assert wrists.min() > movement.positions[:, SKELETON.joint("neck"), 1].max() + 0.5  # the arms hang
 
 
 def test_angles_stay_within_anatomical_limits():
@@ -72,14 +77,15 @@ def test_angles_stay_within_anatomical_limits():
     assert flexions.max() < 1.01
 
 
-def test_beats_fall_on_syllables_and_the_hand_stops_there():
-    movement = perform(words=())
-    beats = [stroke for stroke in movement.strokes if stroke.kind == "beat"]
-    np.testing.assert_allclose([beat.time for beat in beats], SYLLABLES, atol=0.06)
-    speed = wrist_speed(movement)
-    is_minimum = np.r_[False, (speed[1:-1] <= speed[:-2]) & (speed[1:-1] < speed[2:]), False]
-    stops = np.flatnonzero(is_minimum) / 15
-    assert all(np.abs(stops - beat.time).min() < 0.1 for beat in beats)
+def test_beats_fall_on_syllables_and_can_be_seen_there():
+    met = []
+    for seed in range(4):
+        movement = perform(words=(), seed=seed)
+        times = [stroke.time for stroke in movement.strokes if stroke.kind == "beat"]
+        np.testing.assert_allclose(times, SYLLABLES, atol=0.06)
+        wrists = movement.positions[:, [SKELETON.joint("left_wrist"), SKELETON.joint("right_wrist")]]
+        met.append(recall(np.array([match(np.array(times), np.array(times), stroke_beats(wrists, 15))])))
+    assert np.mean(met) > 0.9
 
 
 def test_louder_syllables_make_larger_beats():
@@ -123,21 +129,23 @@ def test_recording_level_does_not_matter():
 def test_silence_rests():
     movement = perform(np.zeros(3 * strokes.SAMPLE_RATE, np.float32), ())
     assert movement.strokes == ()
+    spine, wrist = (movement.positions[:, SKELETON.joint(name), 1] for name in ("spine", "right_wrist"))
+    assert (wrist > spine + 0.2).all()  # from the first frame on
     assert np.isfinite(movement.positions).all()
     assert wrist_speed(movement).max() < 0.1
 
 
 def test_style_changes_size_and_side():
     def activity(**fields):
-        positions = perform(words=(), who=speakers.Style(**fields)).positions
-        wrists = positions[:, [SKELETON.joint("left_wrist"), SKELETON.joint("right_wrist")]]
-        return np.linalg.norm(np.diff(wrists, axis=0), axis=-1).mean(axis=0)
+        takes = [perform(words=(), who=speakers.Style(**fields), seed=seed).positions for seed in range(4)]
+        wrists = np.stack(takes)[:, :, [SKELETON.joint("left_wrist"), SKELETON.joint("right_wrist")]]
+        return np.linalg.norm(np.diff(wrists, axis=1), axis=-1).mean(axis=(0, 1))
 
     assert activity(amplitude=1).sum() > 1.5 * activity(amplitude=-1).sum()
     left, right = activity(handedness=1)
-    assert right > 1.5 * left
+    assert right > 1.1 * left
     left, right = activity(handedness=-1)
-    assert left > 1.5 * right
+    assert left > 1.1 * right
 
 
 def test_styles_stay_in_the_cube():

@@ -1,0 +1,203 @@
+"""Stances: where the hands of a speaker are in a phrase. The moments follow from the sound; the stances are drawn.
+
+An arm has seven numbers, see `ARM`; the hands stand relative to their shoulders.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ha2g_jax.data.talk import strokes
+from ha2g_jax.data.talk.speakers import Style
+
+# Metres outward, up and forward of the shoulder; degrees of the elbow outward (`anatomy.reach`), pronation (0 thumb up,
+# 90 palm down), extension of the wrist, and its bend towards the thumb.
+ARM = ("outward", "up", "forward", "swivel", "pronation", "extension", "deviation")
+REST_ARM = np.array([0.09, -0.65, 0.13, 18.0, 8.0, -4.0, 0.0])
+REST = "rest"
+
+
+class _Place(NamedTuple):
+    """A stance of the table.
+
+    Attributes:
+        share: ratio of the stances that are this one, in speech of average liveliness.
+        lively: power of the liveliness with which the share grows.
+        first, second: metres of one wrist and of the other.
+        elbow: degrees of the elbows outward.
+        pronation: degrees.
+        turn: degrees that the trunk turns to the side of the first hand.
+    """
+
+    share: float
+    lively: float
+    first: tuple[float, float, float]
+    second: tuple[float, float, float]
+    elbow: float = 36
+    pronation: float = 30
+    turn: float = 0
+
+
+STANCES = {
+    "front": _Place(0.17, -0.5, (0.05, -0.30, 0.32), (0.05, -0.30, 0.32)),
+    "wide": _Place(0.20, 0.0, (0.27, -0.28, 0.27), (0.27, -0.28, 0.27), pronation=-5),
+    "low": _Place(0.12, -1.5, (0.12, -0.50, 0.22), (0.12, -0.50, 0.22)),
+    "high": _Place(0.11, 1.5, (0.16, -0.08, 0.38), (0.16, -0.08, 0.38), pronation=20),
+    "side": _Place(0.14, 0.0, (0.34, -0.24, 0.24), (-0.16, -0.32, 0.36), pronation=10, turn=10),
+    "together": _Place(0.07, 0.0, (-0.10, -0.28, 0.34), (-0.10, -0.28, 0.34)),
+    "hips": _Place(0.03, 0.0, (0.07, -0.42, 0.05), (0.07, -0.42, 0.05), elbow=58, pronation=55),
+    "spread": _Place(0.07, 1.5, (0.44, -0.18, 0.18), (0.44, -0.18, 0.18), pronation=-30),
+    "raised": _Place(0.07, 1.0, (0.14, -0.02, 0.36), (0.12, -0.56, 0.14), pronation=25, turn=5),
+    "hanging": _Place(0.02, -2.0, (0.13, -0.63, 0.13), (0.13, -0.63, 0.13), pronation=10),
+}
+_MIDDLE = np.array([0.14, -0.34, 0.27])  # metres, from which a larger stance is farther away
+_VARIATION = np.array([0.06, 0.045, 0.06, 9.0, 22.0, 9.0, 6.0])  # standard deviations of a stance of one name
+_ROLL = 16.0  # degrees that the pronation of both hands varies beyond it
+_LEAST = np.array([-0.18, -0.65, 0.04, 5.0, -60.0, -35.0, -20.0])
+_GREATEST = np.array([0.50, 0.10, 0.50, 75.0, 80.0, 45.0, 15.0])
+_PATTERNS, _PATTERN_SHARES = ("both", "turns", "one"), (0.68, 0.17, 0.15)
+
+_PHRASE_GAP = 0.3  # seconds without a syllable after which a phrase begins
+_REST_GAP = 1.7  # seconds without a syllable in which the arms come to rest
+_AT_REST = 1.5  # seconds after the last syllable
+_HOLD = (1.2, 3.4)  # seconds until the next stance of a long phrase
+_SHORTEST = 0.8  # seconds of a stance at the end of a phrase
+_WAIT = 0.7  # seconds to the nearest beat from which hands move at a syllable without one
+_SECONDS = (0.65, 1.1)  # of a movement
+_SHIFT = 2.0  # standard deviations of a shift within a stance, in those of the stance
+
+
+class Move(NamedTuple):
+    """A moment in seconds at which the hands arrive: at a new "stance", after a "shift" within one, or at "rest"; and
+    whether a beat hits then.
+    """
+
+    hit: float
+    is_beat: bool
+    kind: str
+
+
+class Stance(NamedTuple):
+    """A stance and the movement to it.
+
+    Attributes:
+        name: one of `STANCES`, or `REST`.
+        hand: hand that takes part, "left", "right" or "both".
+        pattern: hands that beat in it: "both", in "turns" or "one".
+        arms: (2, 7) `ARM` of the left and the right arm.
+        trunk: (3,) pitch, yaw and roll in degrees.
+        start: seconds at which the hands begin to move.
+        lag: (2,) seconds that the left and the right hand are late.
+        move: when and why they arrive.
+    """
+
+    name: str = REST
+    hand: str = "both"
+    pattern: str = "both"
+    arms: np.ndarray = np.stack([REST_ARM, REST_ARM])
+    trunk: np.ndarray = np.zeros(3)
+    start: float = -1.0
+    lag: np.ndarray = np.zeros(2)
+    move: Move = Move(-1.0, False, REST)
+
+
+def plan_moves(syllables: np.ndarray, beats: Sequence[strokes.Beat], rng: np.random.Generator) -> list[Move]:
+    """Choose the moments at which hands arrive, from the times (n,) of the syllables and the beats.
+
+    They move at each beat, and at a syllable where no beat is near. It is to a new stance at the beginning of a phrase
+    and 1.2 to 3.4 seconds after the last one, and to rest where speech ends for long.
+    """
+    hits = np.array([beat.hit for beat in beats])
+    gaps = np.diff(syllables, append=np.inf)
+    phrases = syllables[1:][gaps[:-1] >= _PHRASE_GAP]
+    moves: list[Move] = []
+    first = 0
+    for last in np.flatnonzero(gaps >= _REST_GAP):
+        spoken = syllables[first : last + 1]
+        events = [(hit, True) for hit in hits[(hits >= spoken[0] - 0.01) & (hits <= spoken[-1] + 0.01)]]
+        for moment in spoken:
+            if all(abs(moment - other) >= _WAIT for other, _ in events):
+                events.append((moment, False))
+        due = -np.inf
+        for moment, is_beat in sorted(events):
+            moves.append(Move(moment, is_beat, "stance" if moment >= due else "shift"))
+            if moment >= due:
+                due = moment + rng.uniform(*_HOLD)
+                due = min(due, *phrases[(phrases >= moment + _SHORTEST) & (phrases < due)][:1], np.inf)
+        moves.append(Move(spoken[-1] + _AT_REST, False, REST))
+        first = last + 1
+    return moves
+
+
+def draw_stances(moves: Sequence[Move], liveliness: np.ndarray, style: Style, rng: np.random.Generator) -> list[Stance]:
+    """Draw a stance for each move; livelier speech and a larger amplitude of the style have larger ones."""
+    last = drawn = Stance()
+    stances = []
+    for move, lively in zip(moves, liveliness, strict=True):
+        size = lively * 2.0 ** (0.6 * style.amplitude)
+        if move.kind == REST:
+            new = Stance(arms=REST_ARM + _variation(0.3, rng), trunk=rng.normal(0, (1.0, 2.0, 1.0)))
+        elif move.kind == "stance":
+            new = drawn = _draw(last.name, lively, style, rng)
+        else:
+            arms = _within_reach(drawn.arms + _variation(_SHIFT * size, rng))
+            if not move.is_beat:  # a hand that falls without a beat would look like one
+                arms[:, 1] = np.maximum(arms[:, 1], last.arms[:, 1])
+            new = last._replace(arms=arms)
+        start = max(move.hit - rng.uniform(*_SECONDS), last.move.hit + 0.08)
+        lag = np.clip(rng.normal(0, 0.03, 2), -0.05, 0.05)
+        last = new._replace(start=start, lag=lag, move=move)
+        stances.append(last)
+    return stances
+
+
+def _draw(before: str, lively: float, style: Style, rng: np.random.Generator) -> Stance:
+    shares = np.array([place.share * lively**place.lively for place in STANCES.values()])
+    shares[[name == before for name in STANCES]] *= 0.15
+    name = list(STANCES)[rng.choice(len(STANCES), p=shares / shares.sum())]
+    place = STANCES[name]
+    scale = lively**0.4 * 2.0 ** (0.4 * style.amplitude)
+    arms = np.zeros((2, len(ARM)))
+    arms[:, :3] = _MIDDLE + scale * (np.array([place.first, place.second]) - _MIDDLE)
+    arms[:, 3:] = (place.elbow, place.pronation + rng.normal(0, _ROLL), 8, 0)
+    arms += style.elbow * np.array([0.03, 0.03, 0, 10, 0, 0, 0]) + _variation(1.0, rng)
+    first = int(rng.random() < 0.5 + 0.3 * style.handedness)
+    if first == 1:
+        arms = arms[::-1]
+    hand = ("left", "right")[first] if name == "raised" else "both"
+    pattern = _PATTERNS[rng.choice(len(_PATTERNS), p=_PATTERN_SHARES)] if hand == "both" else "one"
+    yaw = (place.turn if first == 0 else -place.turn) + rng.normal(0, 5.0)
+    trunk = scale * np.array([rng.normal(0, 1.5), yaw, -0.25 * yaw + rng.normal(0, 2.0)])
+    return Stance(name, hand, pattern, _within_reach(arms), trunk)
+
+
+def _variation(size: float, rng: np.random.Generator) -> np.ndarray:
+    """Draw how two arms (2, 7) differ from those of the table, in part in the same way."""
+    return size * _VARIATION * (0.75 * rng.standard_normal((1, len(ARM))) + 0.66 * rng.standard_normal((2, len(ARM))))
+
+
+def _within_reach(arms: np.ndarray) -> np.ndarray:
+    return np.clip(arms, _LEAST, _GREATEST)
+
+
+def arm_track(times: np.ndarray, stances: Sequence[Stance], side: int) -> np.ndarray:
+    """Return `ARM` (T, 7) of an arm that moves from stance to stance by minimum jerk.
+
+    Where a stance is reached with a beat, the hand falls in the beat's stroke, so that a fall is no beat of its own,
+    and has risen before it.
+    """
+    keys, heights = [(-1.0, REST_ARM)], [(-1.0, REST_ARM[1])]
+    for stance in stances:
+        start, hit = (moment + stance.lag[side] for moment in (stance.start, stance.move.hit))
+        arm, height = stance.arms[side], stance.arms[side, 1]
+        keys += [(start, keys[-1][1]), (hit, arm)]
+        fall = heights[-1][1] - height
+        if stance.move.is_beat and fall > 0:
+            start = max(hit - min(0.24 + 0.5 * fall, 0.42), start)
+        elif stance.move.is_beat:
+            hit -= 0.22
+        heights += [(start, heights[-1][1]), (hit, height)]
+    track = strokes.track(times, strokes.in_order(keys))
+    track[:, 1] = strokes.track(times, strokes.in_order(heights))
+    return track
