@@ -123,6 +123,16 @@ def tiny_talk(tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
 @pytest.fixture(scope="session")
 def debug_model():
     """A model of the debug size with random weights, two speakers and three start poses."""
+    return _draw_model("ha2g")
+
+
+@pytest.fixture(scope="session")
+def sampling_model():
+    """The same of the method that samples, for which the noise of the seed counts."""
+    return _draw_model("energy_ha2g")
+
+
+def _draw_model(method: str):
     import numpy as np
 
     from ha2g_jax.checkpoint.assets import Assets
@@ -133,7 +143,7 @@ def debug_model():
     from ha2g_jax.synthesis import Model
 
     skeleton = load_skeleton("ted_expressive")
-    config = presets.sized("ted_expressive", "debug")
+    config = presets.change(presets.paper("ted_expressive", method), presets.SIZES["debug"])
     vocabulary = Vocabulary(("one", "two"))
     spec = build(config, skeleton, len(vocabulary), 2)
     shapes = variable_shapes(spec)
@@ -160,6 +170,17 @@ def debug_folder(debug_model, tmp_path_factory: pytest.TempPathFactory) -> pathl
 
     path = tmp_path_factory.mktemp("models") / "debug"
     return model_folder.save(path, debug_model.config, debug_model.assets, debug_model.variables)
+
+
+@pytest.fixture(scope="session")
+def sampling_onnx(sampling_model, tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
+    """The ONNX file of `sampling_model`."""
+    from ha2g_jax.checkpoint import model_folder
+    from ha2g_jax.checkpoint.onnx.export import export
+
+    path = tmp_path_factory.mktemp("models") / "sampling"
+    model_folder.save(path, sampling_model.config, sampling_model.assets, sampling_model.variables)
+    return export(path, path.with_suffix(".onnx"))
 
 
 @pytest.fixture(scope="session")

@@ -20,6 +20,7 @@ from ha2g_jax.checkpoint.onnx.reading import BY, FEATURES, OUTPUT, SUFFIX, Descr
 from ha2g_jax.data.speech import prepare, window
 from ha2g_jax.errors import UserError, require
 from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.features.noise import track
 from ha2g_jax.features.text import Word
 from ha2g_jax.files.cache import cache_folder, one_maker
 from ha2g_jax.files.reading import read_json, reason, shown
@@ -49,7 +50,7 @@ class OnnxModel(Generator[Description]):
         spec: sizes of the model.
         assets: skeleton, styles of the training speakers, and calm seed poses.
         encoder: network from "mel" to the audio features.
-        sampler: network from the audio features, "style" and "seed_pose" to "poses".
+        sampler: network from the audio features, "style", "seed_pose" and "noise", if there is any, to "poses".
         path: name of the file, for messages.
     """
 
@@ -74,11 +75,11 @@ class OnnxModel(Generator[Description]):
     def sample_windows(
         self, audio: np.ndarray, words: Sequence[Word], style: np.ndarray, start: np.ndarray, seed: int
     ) -> np.ndarray:
-        """Sample the poses of all windows of speech, see `Generator.sample_windows`; HA2G has no noise.
+        """Sample the poses of all windows of speech, see `Generator.sample_windows`.
 
         The speech of later windows is encoded in a thread of its own while a window is sampled.
         """
-        del words, seed
+        del words
         spec, overlap = self.spec, self.spec.num_seed_frames
         count = num_windows(num_frames(len(audio) / SAMPLE_RATE, self.fps), spec.num_frames, overlap)
         speech = prepare(audio, (), ("mel",))
@@ -93,8 +94,11 @@ class OnnxModel(Generator[Description]):
         ahead = concurrent.futures.ThreadPoolExecutor(1)
         try:
             with progress_bar("generating", count, "window", is_part=True) as bar:
-                for found in ahead.map(encode, range(count)):
+                for index, found in enumerate(ahead.map(encode, range(count))):
                     inputs |= {"seed_pose": seed_pose, **dict(zip(FEATURES, found, strict=True))}
+                    if spec.noise_dim:
+                        frames = index * (spec.num_frames - overlap) + np.arange(spec.num_frames)
+                        inputs["noise"] = track(seed, frames, self.fps, spec.noise_dim)[None]
                     (sampled,) = self._run(self.sampler, [OUTPUT], inputs)
                     poses.append(sampled[0])
                     seed_pose = sampled[:, -overlap:]

@@ -85,6 +85,16 @@ def test_each_window_hears_its_own_piece_of_the_sound(debug_model):
             np.testing.assert_allclose(part, np.asarray(alone)[window, 2 : 2 + len(part)], atol=1e-5)
 
 
+def test_another_seed_is_another_take_of_a_model_that_samples(debug_model, sampling_model):
+    """HA2G takes only its start pose and its style from the seed."""
+    pose, style = debug_model.assets.seed_poses[0], Style(speaker="ada", variation=0)
+    for model, differs in ((debug_model, False), (sampling_model, True)):
+        takes = [model.generate(speech(6), seed=seed, style=style, seed_pose=pose).directions for seed in (0, 1, 1)]
+        np.testing.assert_array_equal(takes[1], takes[2])
+        assert (np.abs(takes[0] - takes[1])[4:].mean() > 0.02) == differs
+        assert differs or np.array_equal(takes[0], takes[1])
+
+
 def test_speech_that_goes_on_does_not_change_what_was_before(debug_model):
     """Neither the windows after it nor the padding of their number has an influence."""
     audio = speech(20)

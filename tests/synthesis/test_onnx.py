@@ -51,6 +51,12 @@ def test_motion_is_that_of_the_model(debug_model, onnx_model, options):
     np.testing.assert_array_equal(again.directions, found.directions)
 
 
+def test_takes_are_those_of_the_model_that_samples(sampling_model, sampling_onnx):
+    onnx_model, options = load_onnx(sampling_onnx), {"style": Style(values=np.zeros(18)), "seed": 4}
+    expected, found = (model.generate(speech(7), **options) for model in (sampling_model, onnx_model))
+    np.testing.assert_allclose(found.directions, expected.directions, atol=1e-4)
+
+
 def test_a_motion_is_continued(debug_model, onnx_model):
     first = onnx_model.generate(speech(3))
     expected, found = (model.generate(speech(5), seed_pose=first) for model in (debug_model, onnx_model))

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 import ha2g_jax
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.features.noise import track
 from ha2g_jax.features.spectrum import hide_unheard, mel_power
 from ha2g_jax.metrics.beats.strokes import wrist_positions
 from ha2g_jax.motion.control import Controls, rest_pose
@@ -37,14 +38,32 @@ def streamed(model, samples: np.ndarray, cut: int | None = None, **options) -> n
     )
 
 
-@pytest.mark.parametrize("seconds", [0.2, 2.2667, 2.3, 4.2667, 9.03])
-def test_whole_windows_give_the_frames_of_a_file(debug_model, seconds):
-    samples = speech(seconds, 1)
+@pytest.mark.parametrize(
+    ("model", "seconds"), [*(("debug_model", it) for it in (0.2, 2.2667, 2.3, 4.2667, 9.03)), ("sampling_model", 9.03)]
+)
+def test_whole_windows_give_the_frames_of_a_file(model, seconds, request):
+    """With the noise of a model that samples, too."""
+    model, samples = request.getfixturevalue(model), speech(seconds, 1)
     loudest = float(mel_power(samples).max())
     whole = {"look_ahead": 34, "hop": 30, "reference": loudest}
-    expected = debug_model.generate(samples, seed=3, style=Style(speaker="ada"))
-    found = streamed(debug_model, samples, 1000, seed=3, style=Style(speaker="ada"), **whole)
+    expected = model.generate(samples, seed=3, style=Style(speaker="ada"))
+    found = streamed(model, samples, 1000, seed=3, style=Style(speaker="ada"), **whole)
     np.testing.assert_allclose(found, expected.directions, atol=1e-4)
+
+
+@pytest.mark.parametrize(("has_hidden_ends", "first"), [(False, 25), (True, 4)])
+def test_a_moment_has_the_same_noise_each_time_it_is_sampled(sampling_model, has_hidden_ends, first, monkeypatch):
+    """That of the number of its frame: a window may begin before the speech, and the next one two frames later."""
+    generate, seen = stream.generate_window, []
+    monkeypatch.setattr(stream, "generate_window", lambda *args: seen.append(args[-1]) or generate(*args))
+    parts = sampling_model.spec, sampling_model.variables, sampling_model.assets
+    live = stream.Stream(*parts, seed=5, has_hidden_ends=has_hidden_ends)
+    del seen[:]  # those of the pose at rest
+    live.feed(speech(2))
+    assert len(seen) > 8 and seen[0].shape == (34, 16)
+    whole = track(5, np.arange(-first, 100), FPS, 16)
+    for run, noise in enumerate(seen):
+        np.testing.assert_array_equal(noise, whole[2 * run : 2 * run + 34])
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import onnx
 from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.checkpoint.model_folder import LoadedModel
 from ha2g_jax.checkpoint.onnx.networks import Graph, add_encoder, add_inferer
-from ha2g_jax.checkpoint.onnx.reading import SUFFIX, Description, parse, to_metadata
+from ha2g_jax.checkpoint.onnx.reading import SUFFIX, Description, input_names, parse, to_metadata
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.spectrum import NUM_MELS, window_columns
 from ha2g_jax.features.text import Vocabulary
@@ -53,14 +53,15 @@ def export(
 def build(loaded: LoadedModel, *, weights: str = "float32", license: str = "") -> onnx.ModelProto:
     """Return a model as one graph of ONNX.
 
-    Its inputs are "mel" (B, 128, columns) in dB, "style" (B, style_dim) and "seed_pose" (B, M, bones, 3), unit
-    vectors; its output is "poses" (B, N, bones, 3), unit vectors, those of `synthesis.scan.generate_window`.
+    Its inputs are "mel" (B, 128, columns) in dB, "style" (B, style_dim), "seed_pose" (B, M, bones, 3), unit vectors,
+    and of a model that samples "noise" (B, N, noise_dim); its output is "poses" (B, N, bones, 3), unit vectors, those
+    of `synthesis.scan.generate_window`.
 
     Raises:
         UserError: the model is of another method, or has another audio encoder.
     """
     spec, generator = loaded.spec, loaded.spec.generator
-    if spec.method != "ha2g":
+    if spec.method not in ("ha2g", "energy_ha2g"):
         raise UserError(f"the model is of {spec.method}; only HA2G can be exported to ONNX")
     if not isinstance(generator, HA2G):
         raise UserError(
@@ -72,7 +73,7 @@ def build(loaded: LoadedModel, *, weights: str = "float32", license: str = "") -
     graph = Graph(weights)
     params, stats = loaded.variables["params"], loaded.variables["batch_stats"]
     features = add_encoder(graph, generator.audio, params["audio"], stats["audio"], "mel")
-    poses = add_inferer(graph, generator, spec.skeleton, params, features, "style", "seed_pose")
+    poses = add_inferer(graph, generator, spec.skeleton, params, features, "style", "seed_pose", "noise")
     bones, size = spec.skeleton.num_bones, generator.audio.feature_dim
     description = Description(
         name=loaded.config.name,
@@ -85,13 +86,16 @@ def build(loaded: LoadedModel, *, weights: str = "float32", license: str = "") -
         weights=weights,
         license=license,
         assets=dataclasses.replace(loaded.assets, vocabulary=Vocabulary(())),
+        noise_dim=spec.noise_dim,
     )
+    inputs = {
+        "mel": ("batch", NUM_MELS, window_columns(spec.num_frames, spec.fps)),
+        "style": ("batch", spec.style_dim),
+        "seed_pose": ("batch", spec.num_seed_frames, bones, 3),
+        "noise": ("batch", spec.num_frames, spec.noise_dim),
+    }
     return graph.model(
-        inputs={
-            "mel": ("batch", NUM_MELS, window_columns(spec.num_frames, spec.fps)),
-            "style": ("batch", spec.style_dim),
-            "seed_pose": ("batch", spec.num_seed_frames, bones, 3),
-        },
+        inputs={name: inputs[name] for name in input_names(description)},
         outputs={poses: ("batch", spec.num_frames, bones, 3)},
         inner=dict.fromkeys(features, ("batch", spec.num_frames, size)),
         metadata=to_metadata(description),

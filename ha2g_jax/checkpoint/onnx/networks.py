@@ -223,12 +223,20 @@ def _factor_and_shift(params: Tree, stats: Tree) -> tuple[np.ndarray, np.ndarray
 
 
 def add_inferer(
-    graph: Graph, model: HA2G, skeleton: Skeleton, params: Tree, features: Sequence[str], style: str, seed_pose: str
+    graph: Graph,
+    model: HA2G,
+    skeleton: Skeleton,
+    params: Tree,
+    features: Sequence[str],
+    style: str,
+    seed_pose: str,
+    noise: str,
 ) -> str:
     """Add the coordinator and all stages to a graph, and return the name of the poses (B, N, bones, 3), unit vectors.
 
-    Features f_low, f_mid and f_high (B, N, features), style (B, style_dim) and seed pose (B, M, bones, 3), unit
-    vectors, are names of values. The mean of the skeleton is subtracted from poses and added to them (D1).
+    Features f_low, f_mid and f_high (B, N, features), style (B, style_dim), seed pose (B, M, bones, 3), unit vectors,
+    and noise (B, N, noise_dim), where the model has any, are names of values. The mean of the skeleton is subtracted
+    from poses and added to them (D1).
     """
     mean, free = graph.constant(skeleton.mean_directions, "mean_directions"), None
     seed = graph.add("Reshape", graph.add("Sub", seed_pose, mean), graph.constant([0, 0, skeleton.pose_dim]))
@@ -236,6 +244,7 @@ def add_inferer(
     # After the last channel there is the bit that marks the frames of the seed pose.
     seed = graph.add("Pad", seed, graph.constant([0, 0, 0, 0, 0, 1]), graph.constant(1.0))
     blended = _add_coordinator(graph, model, params["coordinator"], features, style)
+    noises = [graph.add("Transpose", noise, perm=[1, 0, 2])] if model.noise_dim else []
     num_free = model.audio.num_frames - model.num_seed_frames
     poses = ""
     for level, channels in enumerate(model.level_channels):
@@ -251,7 +260,7 @@ def add_inferer(
             previous = graph.add("Concat", previous, free, axis=0)
         else:
             previous = graph.add("Pad", previous, graph.constant([0, 0, 0, num_free, 0, 0]))
-        inputs = graph.add("Concat", previous, blended[level], axis=2)
+        inputs = graph.add("Concat", previous, blended[level], *noises, axis=2)
         poses = _add_stage(graph, model, params[f"pose_{level + 1}"], inputs, len(channels), f"pose_{level + 1}")
     vectors = graph.add("Transpose", poses, perm=[1, 0, 2])
     vectors = graph.add("Reshape", vectors, graph.constant([0, 0, skeleton.num_bones, 3]))
@@ -281,7 +290,7 @@ def _add_coordinator(graph: Graph, model: HA2G, params: Tree, features: Sequence
 
 
 def _add_stage(graph: Graph, model: HA2G, params: Tree, inputs: str, channels: int, name: str) -> str:
-    """Add a `PoseStage`; its inputs are (N, B, channels + 1 + features), with the seed bit after the channels."""
+    """Add a `PoseStage`; its inputs are (N, B, channels + 1 + features and noise), with the bit after the channels."""
     x, states = inputs, ""
     for layer in range(model.layers):
         if layer:

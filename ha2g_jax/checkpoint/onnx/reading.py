@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import onnx
 
 SUFFIX = ".onnx"
-INPUTS, OUTPUT = ("mel", "style", "seed_pose"), "poses"
+OUTPUT = "poses"
 FEATURES = ("f_low", "f_mid", "f_high")
 
 BY = "an ONNX file"  # what needs the packages of the extra onnx
@@ -47,7 +47,7 @@ class Description(NamedTuple):
     """A model without its networks."""
 
     name: str
-    method: str  # "ha2g"
+    method: str  # "ha2g" or "energy_ha2g"
     num_frames: int
     num_seed_frames: int
     fps: int
@@ -56,6 +56,12 @@ class Description(NamedTuple):
     weights: str  # form of the weights in the file, see `networks.WEIGHTS`
     license: str
     assets: Assets  # without a vocabulary
+    noise_dim: int = 0  # channels of the noise, of a model that samples
+
+
+def input_names(description: Description) -> tuple[str, ...]:
+    """Return the names of the inputs of a graph in their order."""
+    return ("mel", "style", "seed_pose", "noise")[: 4 if description.noise_dim else 3]
 
 
 def to_metadata(description: Description) -> dict[str, str]:
@@ -77,6 +83,8 @@ def to_metadata(description: Description) -> dict[str, str]:
         "speakers": assets["speakers"],
         "seed_poses": assets["seed_poses"],
     }
+    if description.noise_dim:
+        values["noise_dim"] = description.noise_dim
     texts = {"format": FORMAT, "hash": description.assets.hash}
     texts |= {name: getattr(description, name) for name in _TEXTS}
     return texts | {name: json.dumps(value) for name, value in values.items()}
@@ -99,7 +107,7 @@ def from_metadata(metadata: Mapping[str, str]) -> Description:
         name: parse_json(metadata[name])
         for name in (*_NUMBERS, "has_hidden_ends", "skeleton", "speakers", "seed_poses")
     }
-    numbers = {name: values[name] for name in _NUMBERS}
+    numbers = {name: values[name] for name in _NUMBERS} | {"noise_dim": parse_json(metadata.get("noise_dim", "0"))}
     if any(type(number) is not int for number in numbers.values()):
         raise TypeError("a size is not a whole number")
     ranges = {
@@ -107,6 +115,7 @@ def from_metadata(metadata: Mapping[str, str]) -> Description:
         "num_seed_frames": (1, numbers["num_frames"] // 2),
         "fps": (MIN_FPS, MAX_FPS),
         "style_dim": (0, MAX_CHANNELS),
+        "noise_dim": (0, MAX_CHANNELS),
     }
     for name, (least, most) in ranges.items():
         if not least <= numbers[name] <= most:
@@ -124,7 +133,7 @@ class Parts(NamedTuple):
     """A graph in two, so that the speech of a window can be encoded while the window before is sampled."""
 
     encoder: bytes  # ONNX from "mel" to f_low, f_mid and f_high
-    sampler: bytes  # ONNX from f_low, f_mid, f_high, "style" and "seed_pose" to "poses"
+    sampler: bytes  # ONNX from f_low, f_mid, f_high, "style", "seed_pose" and "noise", if there is any, to "poses"
 
 
 def read(path: str | pathlib.Path) -> tuple[Description, Parts]:
@@ -145,7 +154,7 @@ def read(path: str | pathlib.Path) -> tuple[Description, Parts]:
         extractor = Extractor(model)
         features = list[str](FEATURES)
         encoder = extractor.extract_model(["mel"], features).SerializeToString()
-        sampler = extractor.extract_model([*features, "style", "seed_pose"], [OUTPUT]).SerializeToString()
+        sampler = extractor.extract_model([*features, *input_names(description)[1:]], [OUTPUT]).SerializeToString()
         return description, Parts(encoder, sampler)
 
 
@@ -201,12 +210,15 @@ def _check_ends(graph: "onnx.GraphProto", description: Description) -> None:
         "mel": (NUM_MELS, window_columns(frames, description.fps)),
         "style": (description.style_dim,),
         "seed_pose": (description.num_seed_frames, bones, 3),
+        "noise": (frames, description.noise_dim),
     }
-    if tuple(it.name for it in graph.input) != INPUTS or [it.name for it in graph.output] != [OUTPUT]:
-        raise ValueError(f"its inputs and outputs are not {', '.join(INPUTS)} and {OUTPUT}")
+    inputs = input_names(description)
+    if tuple(it.name for it in graph.input) != inputs or [it.name for it in graph.output] != [OUTPUT]:
+        raise ValueError(f"its inputs and outputs are not {', '.join(inputs)} and {OUTPUT}")
     shapes = {it.name: _shape(it) for it in (*graph.input, *graph.output)}
-    for name, shape in (expected | {OUTPUT: (frames, bones, 3)}).items():
-        if shapes[name] != shape:
+    expected[OUTPUT] = (frames, bones, 3)
+    for name in (*inputs, OUTPUT):
+        if shapes[name] != (shape := expected[name]):
             raise ValueError(f"{name} has shape {shapes[name]} instead of {shape}")
 
 

@@ -57,11 +57,14 @@ def inputs_of(loaded, batch):
     spec, random = loaded.spec, np.random.default_rng(2)
     columns = window_columns(spec.num_frames, spec.fps)
     poses = normalize(random.normal(size=(batch, spec.num_seed_frames, spec.skeleton.num_bones, 3)))
-    return {
+    inputs = {
         "mel": random.uniform(-80, 0, (batch, 128, columns)).astype(np.float32),
         "style": random.normal(size=(batch, spec.style_dim)).astype(np.float32),
         "seed_pose": poses.astype(np.float32),
     }
+    if spec.noise_dim:
+        inputs["noise"] = random.normal(size=(batch, spec.num_frames, spec.noise_dim)).astype(np.float32)
+    return inputs
 
 
 def run(model, inputs):
@@ -107,9 +110,9 @@ def test_a_constant_channel_leaves_int8_weights_their_precision():
     assert error < 0.1 * features["float32"].std()
 
 
-def other_config():
+def other_config(method="ha2g"):
     """Return a config with a choice other than the default wherever the networks have one."""
-    config = presets.sized("ted_gesture", "debug")
+    config = configs.change(configs.paper("ted_gesture", method), presets.SIZES["debug"])
     config.data.update(fps=20, num_frames=40, num_seed_frames=6)  # the columns of the heads are interpolated
     config.data.lookahead = 0.5
     config.model.identity.kind = "speakers"
@@ -121,12 +124,18 @@ def other_config():
     return config
 
 
-def test_all_choices_of_a_config_are_exported():
-    loaded = draw(other_config())
+@pytest.mark.parametrize("method", ["ha2g", "energy_ha2g"])
+def test_all_choices_of_a_config_are_exported(method):
+    loaded = draw(other_config(method))
     inputs = inputs_of(loaded, 2)
     model = build(loaded)
     np.testing.assert_allclose(run(model, inputs), by_jax(loaded, inputs), atol=1e-4)
-    assert from_metadata(metadata_of(model)).has_hidden_ends
+    description = from_metadata(metadata_of(model))
+    assert description.has_hidden_ends and description.noise_dim == loaded.spec.noise_dim
+    onnx.checker.check_model(model, full_check=True)
+    if method != "ha2g":
+        moved = inputs | {"noise": inputs["noise"][::-1]}
+        assert np.abs(run(model, moved) - run(model, inputs)).max() > 0.01
 
 
 def metadata_of(model):

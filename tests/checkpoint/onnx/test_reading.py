@@ -165,6 +165,8 @@ DAMAGES = {
     lambda model: set_metadata(model, "format", "other"): "not written by ha2g model onnx",
     lambda model: set_metadata(model, "num_frames", "1000000"): "num_frames is 1000000",
     lambda model: set_metadata(model, "fps", '"15"'): "not a whole number",
+    lambda model: model.metadata_props.add(key="noise_dim", value="1000000"): "noise_dim is 1000000",
+    lambda model: model.metadata_props.add(key="noise_dim", value="16"): "are not mel, style, seed_pose, noise",
     lambda model: set_metadata(model, "speakers", '{"ada": [1]}'): "the style of 'ada'",
     lambda model: set_metadata(model, "skeleton", "[" * 100_000): "",
     lambda model: set_metadata(model, "name", "a\nb"): "cannot be printed",
