@@ -26,6 +26,7 @@ _RATE, _VOLUME, _PITCH, _RANGE = 1, 2, 3, 4
 # In percent; leaves headroom for emphasis, since espeak-ng clips.
 _BASE_VOLUME = 30
 _EVENT_LIST_TERMINATED, _EVENT_WORD, _EVENT_PHONEME = 0, 1, 7
+_GLOTTAL_STOPS = (b"_!", b"_|")  # within words; the other phonemes that begin with _ are pauses
 
 LANGUAGES = ("en-us", "en-us", "en-us", "en-us-nyc", "en", "en-029", "en-gb-x-rp", "en-gb-x-gbclan", "en-gb-scotland")
 MALE_VARIANTS = (
@@ -121,7 +122,7 @@ def say(markup: str, voice: Voice) -> Utterance:
             event = events[index]
             if event.type == _EVENT_WORD:
                 onsets.append((event.text_position - 1, event.sample))
-            elif event.type != _EVENT_PHONEME or event.name.startswith(b"_"):
+            elif event.type != _EVENT_PHONEME or (event.name.startswith(b"_") and event.name not in _GLOTTAL_STOPS):
                 pauses.append(event.sample)
             index += 1
         return 0

@@ -5,6 +5,7 @@ import itertools
 import math
 import os
 import pathlib
+import re
 import sys
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -57,7 +58,7 @@ _SECONDS_PER_MINUTE, _MEGABYTES_PER_MINUTE = 2.1, 1.7
 _UNSEEN_RECORDINGS, _TEST_RECORDINGS, _VAL_RECORDINGS = 1 / 11, 1 / 11, 1 / 17
 
 # Recordings of speech that is like that of the other splits, and those of other kinds with their fractions.
-_SPEECH, _KINDS = "speech", {"rest": 1 / 12, "two people": 1 / 12, "no pauses": 1 / 12}
+_SPEECH, _KINDS = "speech", dict.fromkeys(("rest", "two people", "no pauses", "no emphasis"), 1 / 12)
 _VARIED = ("train", "val")  # splits that have those kinds, other languages, and sound behind the speech
 
 _REFERENCE_FRAMES = 7  # the largest M of Table 11
@@ -98,7 +99,8 @@ def make_talk(
     Equal arguments give equal bytes, whatever the number of workers, which is one per core by default; the speech does
     not depend on the frames per second of the motion. One speaker in six occurs only in the split
     `test_unseen_speakers`, with a new voice and a style between two styles of training. The splits `train` and `val`
-    also have other languages, noise and music, with speech and alone, two people in turn, and speech without pauses.
+    also have other languages, noise and music, with speech and alone, two people in turn, and speech without pauses or
+    without emphasis.
     Nothing is left of the folder if the work is interrupted. The voices are those of one of `SYNTHESISERS`.
 
     Raises:
@@ -265,7 +267,10 @@ def _speak(
     speaking = 0
     while length < target:
         start = length / SAMPLE_RATE
-        utterance = say(next(sentences), voices[speaking])
+        markup = next(sentences)
+        if plan.kind == "no emphasis":
+            markup = re.sub("<[^>]*>", "", markup)
+        utterance = say(markup, voices[speaking])
         if plan.kind == "no pauses":
             utterance = _without_gaps(utterance)
         words += [Word(word.text, start + word.start, start + word.end) for word in utterance.words]

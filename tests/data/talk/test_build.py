@@ -1,6 +1,7 @@
 """The Talk corpus: same bytes whatever the workers, splits that fraction nothing they must not, records that agree."""
 
 import collections
+import itertools
 import os
 import subprocess
 import sys
@@ -8,8 +9,11 @@ import sys
 import numpy as np
 import pytest
 
+from ha2g_jax.data import records
 from ha2g_jax.data.corpus import TALK_VERSION, Corpus
-from ha2g_jax.data.talk import build
+from ha2g_jax.data.talk import build, grammar
+from ha2g_jax.data.talk.speakers import sample_voice, say
+from ha2g_jax.skeleton import load_skeleton
 
 
 def test_workers_do_not_change_the_bytes(tiny_talk, tmp_path):
@@ -89,8 +93,40 @@ def test_default_plan():
     assert len({plan.speaker.voice for plan in plans}) == 48
     kinds = collections.Counter((plan.split, plan.kind) for plan in plans)
     for kind in build._KINDS:
-        assert 0.06 < kinds["train", kind] / kinds["train", "speech"] < 0.12 and kinds["val", kind]
+        assert 0.07 < kinds["train", kind] / fraction["train"] / clips.total() * 2 < 0.09 and kinds["val", kind]
     assert {plan.kind for plan in plans if plan.split.startswith("test")} == {"speech"}
+
+
+def plan_of(kind: str) -> build._RecordingPlan:
+    return build._plan(4, 4, 1, "espeak-ng")[0]._replace(kind=kind, num_clips=1)
+
+
+def test_rest_has_sound_and_no_words_and_no_beat():
+    made = build._make_clips(plan_of("rest")._replace(num_clips=3), 15)
+    skeleton, clips = load_skeleton("ted_expressive"), [records.decode_clip(record) for record in made]
+    assert sum(clip.audio.any() for clip in clips) >= 2
+    for clip in clips:
+        assert clip.words == () and not {stroke.kind for stroke in clip.strokes} & {"beat", "semantic"}
+        wrists = clip.positions[:, [skeleton.joint("left_wrist"), skeleton.joint("right_wrist")]]
+        assert np.linalg.norm(np.diff(wrists, axis=0), axis=-1).max() * 15 < 0.3
+
+
+@pytest.mark.parametrize(("kind", "longest_gap"), [("two people", 7), ("no pauses", 0.1), ("no emphasis", 7)])
+def test_kinds_of_speech(kind, longest_gap, monkeypatch):
+    """Words lie where the sound is, in turn of two voices, and with next to nothing between them without pauses."""
+    said, rng = [], np.random.default_rng(0)
+    monkeypatch.setattr(build, "say", lambda markup, voice: said.append((markup, voice)) or say(markup, voice))
+    plan = plan_of(kind)
+    partner = sample_voice(rng, "en")
+    voices = [plan.speaker.voice, partner] if kind == "two people" else [plan.speaker.voice]
+    audio, words = build._speak(grammar.sentences(rng), voices, plan, rng)
+    assert {voice for _, voice in said} == {*voices}
+    assert any("<" in markup for markup, _ in said) == (kind != "no emphasis")
+    gaps = [after.start - before.end for before, after in itertools.pairwise(words)]
+    assert min(gaps) > -1e-3 and max(gaps) < longest_gap
+    for word in words:
+        audio[round((word.start - 0.02) * 16000) : round((word.end + 0.02) * 16000)] *= 1e-3
+    assert np.abs(audio).max() < 0.2
 
 
 @pytest.mark.parametrize(("speakers", "minutes"), [(8, 60), (42, 144), (84, 400)])

@@ -5,7 +5,7 @@ import pytest
 
 from ha2g_jax import skeleton as skeletons
 from ha2g_jax.data.talk import speakers
-from ha2g_jax.data.talk.flite import HELD_OUT_VOICES, FliteVoice
+from ha2g_jax.data.talk.flite import FLITE_VOICES, HELD_OUT_VOICES, FliteVoice
 from ha2g_jax.data.talk.grammar import OTHER_LANGUAGES
 from ha2g_jax.data.talk.speakers import SYNTHESISERS, draw_speakers
 
@@ -26,13 +26,13 @@ def test_unseen_styles_lie_between_seen_ones(synthesiser):
 
 def test_languages_and_voices_that_training_does_not_hear():
     cast = draw_speakers(40, 8, 0, "both")
-    recorded = [speaker for speaker in cast if isinstance(speaker.voice, FliteVoice)]
-    foreign = [speaker for speaker in cast if speaker.language != "en"]
-    assert len(recorded) == 16 and len(foreign) == 10 and not set(recorded) & set(foreign)
-    assert not {speaker.voice.name for speaker in cast[:40] if speaker in recorded} & set(HELD_OUT_VOICES)
-    assert {speaker.voice.name for speaker in cast[40:] if speaker in recorded} == set(HELD_OUT_VOICES)
-    assert not set(foreign) & set(cast[40:])
-    assert not {"de", "fr", "cmn"} & set(OTHER_LANGUAGES)
+    people = {speaker.name: speaker.voice.name for speaker in cast if isinstance(speaker.voice, FliteVoice)}
+    foreign = {speaker.name for speaker in cast if speaker.language != "en"}
+    unseen = {speaker.name for speaker in cast[40:]}
+    assert len(people) == 16 and len(foreign) == 10 and not foreign & (unseen | people.keys())
+    assert {people[name] for name in people.keys() & unseen} == {*HELD_OUT_VOICES}
+    assert {people[name] for name in people.keys() - unseen} == {*FLITE_VOICES}
+    assert not {"de", "fr", "cmn"} & {*OTHER_LANGUAGES}
 
 
 POSE = skeletons.load_skeleton("ted_expressive").mean_pose
