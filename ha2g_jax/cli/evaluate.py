@@ -15,7 +15,7 @@ Score the motion of one of four inputs, with intervals, beside rows that show wh
   --checkpoint MODEL --data CORPUS     motion that a model makes for the test speech of a corpus
   --checkpoint MODEL --speech FILE     motion that a model makes for one recording
   --motion FILE --speech FILE          motion of any system, for one recording
-  --motion DIR ... --reference DIR     motion made by any systems, against true motion
+  --motion DIR ... --reference DIR     motion made by any systems, against true motion; or files against one file
 
 One of these must be named: --checkpoint alone is scored on the Talk corpus, --data alone with the demo model. On Talk
 this takes minutes; the first time, the corpus is made as well, which takes further minutes. All four give results of
@@ -67,10 +67,10 @@ def add_commands(commands: Any) -> None:
         nargs="+",
         action="extend",
         metavar="DIR",
-        help="motion made by any system; several folders are rows of one table; with --speech, one file",
+        help="motion made by any system; several folders or files are rows of one table; with --speech, one file",
     )
     folders.add_argument(
-        "--reference", type=pathlib.Path, metavar="DIR", help="true motion of the same names, with sound"
+        "--reference", type=pathlib.Path, metavar="DIR", help="true motion of the same names, with sound; or one file"
     )
     folders.add_argument("--skeleton", choices=SKELETONS, help="skeleton of both folders (default: that of the files)")
     add_reading(folders)

@@ -94,7 +94,7 @@ def from_folders(
     with_audio: bool = False,
     **reading: Unpack[Reading],
 ) -> Folders:
-    """Read the files of two folders that have the same name, up to the suffix.
+    """Read the files of two folders that have the same name, up to the suffix, or all that is for one reference file.
 
     Folders may have subfolders, which then must be alike; the clips of a subfolder are taken to be cut from one
     recording, without subfolders every clip is a recording of its own. The sound of a clip is the file of sound with
@@ -108,7 +108,10 @@ def from_folders(
         UserError: a folder holds no motion, the names do not meet, or a file cannot be used.
     """
     motions, references = find_motions(pathlib.Path(motion)), find_motions(pathlib.Path(reference))
-    clips = {name: clip for name in sorted(motions) if (clip := clip_of(name, references)) is not None}
+    if pathlib.Path(reference).is_file():
+        clips = dict.fromkeys(sorted(motions), *references)
+    else:
+        clips = {name: clip for name in sorted(motions) if (clip := clip_of(name, references)) is not None}
     if not clips:
         raise UserError(
             f"no file in {shown(motion)} has the name of one in {shown(reference)}: found "
@@ -163,7 +166,7 @@ def clip_of(name: str, clips: Container[str]) -> str | None:
 
 
 def find_motions(folder: pathlib.Path) -> dict[str, pathlib.Path]:
-    """Find the files of motion in a folder and its subfolders by the names of their clips.
+    """Find the files of motion in a folder and its subfolders by the names of their clips; or a file by its own.
 
     Of several files with one name the first kind of `SUFFIXES` is the motion, as others hold words.
 
@@ -173,8 +176,10 @@ def find_motions(folder: pathlib.Path) -> dict[str, pathlib.Path]:
     Raises:
         UserError: there is no folder, or no motion in it.
     """
+    if folder.is_file():
+        return {folder.stem.removesuffix(_GENERATED): folder}
     if not folder.is_dir():
-        raise UserError(f"no folder at {shown(folder)}; give a folder of motion in {', '.join(SUFFIXES)}")
+        raise UserError(f"no file or folder at {shown(folder)}; give a folder of motion in {', '.join(SUFFIXES)}")
     found: dict[str, pathlib.Path] = {}
     paths = (path for path in folder.rglob("*") if is_motion(path))
     kinds = {suffix: rank for rank, suffix in enumerate(SUFFIXES)}

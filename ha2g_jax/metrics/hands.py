@@ -120,7 +120,7 @@ _MEASURES: tuple[tuple[str, str, str, int, Callable[[UpperBody], float]], ...] =
     ("one_moving", "one hand moving", "", 2, one_moving),
     ("lateral_spread", "lateral sd of a wrist", "cm", 1, lateral_spread),
     ("hand_distance", "distance of hands", "cm", 0, lambda body: float(hand_distances(body).mean())),
-    ("hand_distance_sd", "its sd", "cm", 1, lambda body: float(hand_distances(body).std())),
+    ("hand_distance_sd", "sd of the distance", "cm", 1, lambda body: float(hand_distances(body).std())),
     ("nearest_segment", "nearest segment", "cm", 1, nearest_segment),
     ("head_deviation", "head sd", "degrees", 1, head_deviation),
     ("wrist_jerk", "jerk of wrists", "m/s³", 0, lambda body: jerk(body.wrists, body.fps)),
@@ -144,7 +144,7 @@ def _of_recording(function: Callable[[UpperBody], float]) -> Callable[[Any], flo
 
 
 HAND_METRICS = tuple(
-    Metric(name, title, unit, "none", HANDS, digits, _over_clips(function), is_paired=True)
+    Metric(name, title, unit, "none", HANDS, digits, _over_clips(function))
     for name, title, unit, digits, function in _MEASURES
 )
 RECORDING_HAND_METRICS = tuple(

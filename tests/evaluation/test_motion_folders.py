@@ -113,6 +113,14 @@ def test_subfolders_are_recordings(write):
     assert [clip.recording for clip in folders.reference] == ["x", "x", "y"]
 
 
+def test_one_reference_file_is_that_of_all_motion(write):
+    motion, reference = write("motion", ["take", "other"]), write("reference", ["person"]) / "person.npz"
+    for given, count in ((motion, 2), (motion / "take.npz", 1)):
+        folders = from_folders(given, reference)
+        assert [clip.id for clip in folders.motion] == ["person"] * count
+        assert [clip.id for clip in folders.reference] == ["person"] and not folders.notes
+
+
 def test_words_beside_motion_are_no_motion(write, tmp_path):
     motion, reference = write("motion", ["a"]), write("reference", ["a"])
     (reference / "a.json").write_text('{"words": []}')
