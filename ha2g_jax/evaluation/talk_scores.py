@@ -16,8 +16,10 @@ from ha2g_jax.data.records import Clip
 from ha2g_jax.data.talk import anatomy, lexicon, teacher
 from ha2g_jax.data.talk.speakers import Style
 from ha2g_jax.errors import UserError
+from ha2g_jax.evaluation import talk_takes
 from ha2g_jax.evaluation.clip_result import check_fit, clip_identity, generate_clip, sample
 from ha2g_jax.evaluation.evaluate import score_as_json
+from ha2g_jax.evaluation.talk_takes import MODEL, STILL, TEACHER, compare_takes
 from ha2g_jax.metrics.beats.strokes import TOLERANCE, match, stroke_beats, wrist_positions
 from ha2g_jax.metrics.causes import (
     PROBE_ACCURACY,
@@ -33,8 +35,7 @@ from ha2g_jax.progress import progress_bar
 from ha2g_jax.skeleton import Skeleton, positions_to_directions
 from ha2g_jax.synthesis import Model, encode_features
 
-MODEL, WORDLESS, TEACHER, STILL, MISMATCHED = "model", "model, no words", "teacher", "mean pose", "mismatched speech"
-MAJORITY, SHUFFLED = "majority", "shuffled"
+WORDLESS, MISMATCHED, MAJORITY, SHUFFLED = "model, no words", "mismatched speech", "majority", "shuffled"
 CLAIMED = ("beat_f1_gain", "finger_correlation")  # metrics of claims, which are measured without each speaker, too
 MISMATCHES = 5  # motions for other clips that make the floor of a clip
 
@@ -95,11 +96,12 @@ def score_known_causes(
 
     Each split has the rows "model", "model, no words" (of a model that reads words: without the transcript), "teacher"
     (the ceiling: the teacher with other noise), "mean pose", "mismatched speech" (the model's motion for up to
-    `MISMATCHES` clips of other recordings), "majority" and "shuffled" (floors of the hand shapes). Stroke recall is the
-    ratio of the strokes caused by the sound that a motion beat meets within 0.1 s; precision is the ratio of the motion
-    beats that meet a beat of the true motion, whatever causes it. In the strict F1 a motion beat that is caused by a
-    word is wrong. A gain is the model's F1 less that of mismatched speech, with the error of the paired difference. The
-    accuracy of the linear probe on frozen f_high is of HA2G alone; "majority" has that of the most frequent class.
+    `MISMATCHES` clips of other recordings), "teacher, one take" (of takes alone, see `talk_takes.compare_takes`),
+    "majority" and "shuffled" (floors of the hand shapes). Stroke recall is the ratio of the strokes caused by the sound
+    that a motion beat meets within 0.1 s; precision is the ratio of the motion beats that meet a beat of the true
+    motion, whatever causes it. In the strict F1 a motion beat that is caused by a word is wrong. A gain is the model's
+    F1 less that of mismatched speech, with the error of the paired difference. The accuracy of the linear probe on
+    frozen f_high is of HA2G alone; "majority" has that of the most frequent class.
 
     The model takes the style of each clip from the clip's own reference frames, or from the speaker's name; `seed` is
     that of start poses, of the teacher's noise and of the samples of clips.
@@ -124,8 +126,9 @@ def score_known_causes(
         if not all(clip.style for clip in chosen[name]):
             raise UserError(f"{corpus.path} ({name}) does not know its strokes; expected one of `ha2g data make-talk`")
     num_clips = sum(map(len, chosen.values()))
+    num_taken = sum(min(talk_takes.MAX_CLIPS, len(clips)) for clips in chosen.values())
     num_probed = num_clips + min(_MAX_PROBE_CLIPS, len(corpus.clips(TRAIN))) if model.has_audio_levels else 0
-    with progress_bar("scoring against known causes", num_clips + num_probed, "clip") as progress:
+    with progress_bar("scoring against known causes", num_clips + num_taken + num_probed, "clip") as progress:
         results = {
             name: _score_split(model, corpus, clips, seed, look_ahead, progress) for name, clips in chosen.items()
         }
@@ -160,6 +163,9 @@ def _score_split(
         progress.update()
     made = {name: cause_row(row, fps, first_frame) for name, row in trials.items() if row}
     made |= rows_with_chance(trials[MODEL], fps, first_frame, seed)
+    taken = [clips[index] for index in sample(len(clips), talk_takes.MAX_CLIPS, seed)]
+    for name, distances in compare_takes(model, taken, seed, look_ahead, progress).items():
+        made[name] = made.get(name, CauseRow())._replace(takes=np.array(distances))
     rows = {name: measure_causes(row) for name, row in made.items()}
     own = made.get(MODEL, CauseRow())
     rows |= dict(zip((MAJORITY, SHUFFLED), semantic_floors(own), strict=True))
@@ -175,7 +181,11 @@ def _score_split(
             "strokes": int(own.counts[:, 0].sum()),
             "words": len(own.shapes),
         },
-        "notes": [_NOTE],
+        "notes": [
+            _NOTE,
+            f"takes are {talk_takes.MODEL_TAKES} of the model and {talk_takes.TEACHER_TAKES} of the teacher, for "
+            f"{len(taken)} clips",
+        ],
     }
 
 

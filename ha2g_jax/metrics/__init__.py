@@ -4,7 +4,18 @@ A new metric is one file that defines a `Metric`, an import here, and one line i
 """
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.metrics import causes, diversity, frechet, giveaway, hands, kinematics, legacy, reconstruction, seams
+from ha2g_jax.metrics import (
+    causes,
+    diversity,
+    frechet,
+    giveaway,
+    hands,
+    kinematics,
+    legacy,
+    reconstruction,
+    seams,
+    takes,
+)
 from ha2g_jax.metrics.beats import rests, row_alignment, strokes
 from ha2g_jax.metrics.metric import Metric, Section
 
@@ -38,6 +49,7 @@ _REGISTERED: tuple[Metric, ...] = (
     reconstruction.CCA,
     *legacy.LEGACY_METRICS,
     *causes.CAUSE_METRICS,
+    *takes.TAKE_METRICS,
     causes.PROBE_ACCURACY,
     *strokes.RECORDING_METRICS,
     *hands.RECORDING_HAND_METRICS,

@@ -27,6 +27,7 @@ class CauseRow(NamedTuple):
         seen: (n, 2) amplitude and handedness that are seen.
         asked: (n, 2) amplitude and handedness that were asked for.
         speakers: (n,) name of each clip's speaker.
+        takes: (m, 3) rows of `takes.TakeDistances` of some clips.
     """
 
     counts: np.ndarray = np.zeros((0, 4))
@@ -39,6 +40,7 @@ class CauseRow(NamedTuple):
     seen: np.ndarray = np.zeros((0, 2))
     asked: np.ndarray = np.zeros((0, 2))
     speakers: np.ndarray = np.zeros(0, str)
+    takes: np.ndarray = np.zeros((0, 3))
 
 
 class Predictions(NamedTuple):

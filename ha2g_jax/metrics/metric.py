@@ -25,6 +25,7 @@ GIVEAWAY = "What gives it away: area under the curve of a linear classifier on 5
 RECONSTRUCTION = "Errors of reconstruction, not quality"
 LEGACY = "Legacy rules (legacy_v1), for comparison with old tables only"
 KNOWN_CAUSES = "Known causes"
+TAKES = "Takes for one speech against those of the teacher, by the wrists"
 PROBE = "Word class from frozen f_high at word onsets, by a linear probe"
 BEAT2 = "Protocol BEAT2: all joints of SMPL-X, 30 frames per second"
 RECORDING = "Strokes of the hands against the onsets of the recording"

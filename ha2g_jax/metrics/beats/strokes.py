@@ -186,10 +186,9 @@ def recording_row(audio: np.ndarray, body: UpperBody, first_frame: int = 4) -> R
     times = (audio_onsets(audio, end), stroke_beats(body.wrists, body.fps))
     onsets, moves = (x[(x >= start) & (x < end)] - start for x in times)
     spans = np.clip(speech_spans(audio) - start, 0, end - start)
-    within = (cut_pauses(x, spans) for x in (onsets, moves))
     return RecordingRow(
         _shifted_sums(onsets, moves, end - start),
-        _shifted_sums(*within, float(np.sum(spans[:, 1] - spans[:, 0]))),
+        _shifted_sums(cut_pauses(onsets, spans), cut_pauses(moves, spans), float(np.sum(spans[:, 1] - spans[:, 0]))),
         len(onsets),
         len(moves),
         end - start,

@@ -1,0 +1,63 @@
+"""Take a model and the teacher of the Talk corpus several times on the same speech, for the metrics of takes."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from tqdm import tqdm
+
+from ha2g_jax.data.records import Clip
+from ha2g_jax.data.talk import teacher
+from ha2g_jax.data.talk.speakers import Style
+from ha2g_jax.evaluation.clip_result import clip_identity, generate_clip
+from ha2g_jax.metrics.beats.strokes import wrist_positions
+from ha2g_jax.metrics.takes import TakeDistances, take_distances
+from ha2g_jax.skeleton import positions_to_directions
+from ha2g_jax.synthesis import Model
+
+MODEL, TEACHER, ONE_TAKE, STILL = "model", "teacher", "teacher, one take", "mean pose"
+MAX_CLIPS = 16  # of a split
+TEACHER_TAKES, MODEL_TAKES = 20, 8
+
+
+def compare_takes(
+    model: Model, clips: Sequence[Clip], seed: int, look_ahead: int | None, progress: tqdm
+) -> dict[str, list[TakeDistances]]:
+    """Compare sets of takes with those of the teacher, by the wrists, for each clip.
+
+    The sets are the model's with other seeds, other takes of the teacher (the floor), one of them repeated, and the
+    mean pose. All have the speech, words and style of the clip.
+
+    Returns:
+        Name of each set -> distances of each clip.
+    """
+    found: dict[str, list[TakeDistances]] = {}
+    for index, clip in enumerate(clips):
+        true = np.stack([_teach(model, clip, [seed, index, take]) for take in range(TEACHER_TAKES)])
+        style = clip_identity(model, clip)
+        made = [
+            _wrists(model, generate_clip(model, clip, style, seed + take, look_ahead=look_ahead))
+            for take in range(MODEL_TAKES)
+        ]
+        length = min(true.shape[1], *map(len, made))
+        true, own = (np.stack([take[model.spec.num_seed_frames : length] for take in takes]) for takes in (true, made))
+        still = np.broadcast_to(_wrists(model, model.spec.skeleton.mean_directions[None]), own[:1].shape)
+        for name, takes, others in (
+            (MODEL, own, true),
+            (TEACHER, true[:MODEL_TAKES], true[MODEL_TAKES:]),
+            (ONE_TAKE, true[:1], true[1:]),
+            (STILL, still, true),
+        ):
+            found.setdefault(name, []).append(take_distances(takes, others))
+        progress.update()
+    return found
+
+
+def _teach(model: Model, clip: Clip, seed: list[int]) -> np.ndarray:
+    """Return the wrists (T, 2, 3) of the teacher with a seed."""
+    style, rng = Style(*clip.style), np.random.default_rng(seed)
+    taught = teacher.perform(clip.audio, clip.words, style, rng, model.fps)
+    return _wrists(model, positions_to_directions(model.spec.skeleton, taught.positions))
+
+
+def _wrists(model: Model, directions: np.ndarray) -> np.ndarray:
+    return wrist_positions(model.spec.skeleton, directions)
