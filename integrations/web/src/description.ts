@@ -51,6 +51,8 @@ export interface Description {
   num_seed_frames: number;
   fps: number;
   style_dim: number;
+  /** Channels of the noise that a model which samples reads; missing for the others. */
+  noise_dim?: number;
   has_hidden_ends: boolean;
   audio: AudioDescription;
   skeleton: Skeleton;
@@ -77,9 +79,15 @@ export function checkDescription(value: unknown): Description {
   for (const name of ["name", "method", "hash", "license", "weights"] as const) {
     if (typeof found[name] !== "string") throw wrong(`no text ${name}`);
   }
-  const ranges = { num_frames: [17, 68], num_seed_frames: [1, 34], fps: [15, 30], style_dim: [0, 8192] } as const;
+  const ranges = {
+    num_frames: [17, 68],
+    num_seed_frames: [1, 34],
+    fps: [15, 30],
+    style_dim: [0, 8192],
+    noise_dim: [0, 8192],
+  } as const;
   for (const [name, [least, most]] of Object.entries(ranges)) {
-    const size = found[name as keyof typeof ranges];
+    const size = found[name as keyof typeof ranges] ?? (name === "noise_dim" ? 0 : NaN);
     if (!(Number.isInteger(size) && size >= least && size <= most)) throw wrong(`no ${name} from ${least} to ${most}`);
   }
   const { num_frames, num_seed_frames, style_dim, fps, audio, skeleton } = found;

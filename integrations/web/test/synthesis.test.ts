@@ -36,7 +36,7 @@ test("windows that come one after the other are joined as all of them", async ()
   const { size } = sampler;
   const windows: Float32Array[] = [];
   for (let k = 0; k < 4; k++) {
-    windows.push(await sampler.run(new Float32Array(1), new Float32Array(2), new Float32Array(12 * size)));
+    windows.push(await sampler.run(new Float32Array(1), new Float32Array(2), new Float32Array(12 * size), 0, 0));
   }
   const whole = easeBorders(joinWindows(windows, 4, size), 34, 4, size);
   const join = new RunningJoin(34, 4, 30, 0, size);

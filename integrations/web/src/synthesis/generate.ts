@@ -42,7 +42,9 @@ export async function generate(
   const windows: Float32Array[] = [];
   let seedPose: Float32Array = Float32Array.from(seed_poses[chooseTake(description, seed).seed_pose].flat(2));
   for (let index = 0; index < count; index++) {
-    const window = await sampler.run(melWindow(mel, index * stride, audio.columns, fps), style.values, seedPose);
+    const first = index * stride;
+    const heard = melWindow(mel, first, audio.columns, fps);
+    const window = await sampler.run(heard, style.values, seedPose, seed, first);
     windows.push(window);
     seedPose = window.slice(-num_seed_frames * size);
     await onwindow((index + 1) / count);

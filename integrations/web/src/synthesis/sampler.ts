@@ -4,8 +4,9 @@ import * as ort from "onnxruntime-web/wasm";
 
 import type { Description } from "../description.js";
 import { FLOOR_DB, NUM_MELS } from "../sound/mel.js";
+import { noiseTrack } from "../sound/noise.js";
 
-const INPUTS = ["mel", "style", "seed_pose"];
+const INPUTS = ["mel", "style", "seed_pose", "noise"];
 const OUTPUT = "poses";
 
 /** A model that samples windows. */
@@ -34,7 +35,7 @@ export class Sampler {
       const sampler = new Sampler(description, session);
       const silence = new Float32Array(NUM_MELS * description.audio.columns).fill(FLOOR_DB);
       const pose = Float32Array.from(description.seed_poses[0].flat(2));
-      const window = await sampler.run(silence, new Float32Array(description.style_dim), pose);
+      const window = await sampler.run(silence, new Float32Array(description.style_dim), pose, 0, 0);
       if (window.length !== description.num_frames * sampler.size) throw new Error("its windows have another size");
       return sampler;
     } catch (error) {
@@ -53,18 +54,29 @@ export class Sampler {
    * @param mel - (128, columns) dB.
    * @param style - (style_dim,).
    * @param seedPose - (M, size) unit vectors.
+   * @param seed - seed of the noise, for a model that reads any.
+   * @param first - number of the first frame in the motion.
    * @returns (N, size) unit vectors.
    */
-  run(mel: Float32Array, style: Float32Array, seedPose: Float32Array): Promise<Float32Array> {
-    const sampled = this.last.then(() => this.sample(mel, style, seedPose));
+  run(
+    mel: Float32Array,
+    style: Float32Array,
+    seedPose: Float32Array,
+    seed: number,
+    first: number,
+  ): Promise<Float32Array> {
+    const { num_frames, fps, noise_dim = 0 } = this.description;
+    const noise = noise_dim ? [noiseTrack(seed, first, num_frames, fps, noise_dim)] : [];
+    const sampled = this.last.then(() => this.sample([mel, style, seedPose, ...noise]));
     this.last = sampled.then(() => undefined, () => undefined); // the caller has the error
     return sampled;
   }
 
-  private async sample(mel: Float32Array, style: Float32Array, seedPose: Float32Array): Promise<Float32Array> {
-    const { audio, num_seed_frames, skeleton, hash } = this.description;
-    const shapes = [[1, NUM_MELS, audio.columns], [1, style.length], [1, num_seed_frames, skeleton.bones.length, 3]];
-    const inputs = [mel, style, seedPose].map((data, k) => [INPUTS[k], new ort.Tensor("float32", data, shapes[k])]);
+  private async sample(values: Float32Array[]): Promise<Float32Array> {
+    const { audio, num_frames, num_seed_frames, style_dim, noise_dim, skeleton, hash } = this.description;
+    const pose = [num_seed_frames, skeleton.bones.length, 3];
+    const shapes = [[NUM_MELS, audio.columns], [style_dim], pose, [num_frames, noise_dim ?? 0]];
+    const inputs = values.map((data, k) => [INPUTS[k], new ort.Tensor("float32", data, [1, ...shapes[k]])]);
     const outputs = await this.session.run(Object.fromEntries(inputs), [OUTPUT]);
     const window = outputs[OUTPUT].data as Float32Array;
     if (!window.every(Number.isFinite)) {

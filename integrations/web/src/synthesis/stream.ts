@@ -148,7 +148,7 @@ export class Stream {
     if (weights.some(Boolean)) {
       const mel = this.mel.window(windowColumn(start, fps), audio.columns);
       if (!this.isEnded) hideUnheard(mel, start, this.heard() - start, fps);
-      window = await this.sampler.run(mel, style, this.past.slice(0, num_seed_frames * size));
+      window = await this.sampler.run(mel, style, this.past.slice(0, num_seed_frames * size), this.seed, start);
     } else {
       window = Float32Array.from(rest);
     }
@@ -189,10 +189,12 @@ export class Stream {
   private async findRest(): Promise<Numbers> {
     const { size, description } = this.sampler;
     const silence = new Float32Array(NUM_MELS * description.audio.columns).fill(FLOOR_DB);
-    const { style } = this;
+    const { style, seed } = this;
+    const { num_frames, num_seed_frames } = description;
     let window = this.startPose;
     for (let k = 0; k < REST_WINDOWS; k++) {
-      window = await this.sampler.run(silence, style, window.slice(-description.num_seed_frames * size));
+      const pose = window.slice(-num_seed_frames * size);
+      window = await this.sampler.run(silence, style, pose, seed, k * (num_frames - num_seed_frames));
     }
     const mean = new Float64Array(size);
     window.forEach((value, k) => (mean[k % size] += value));

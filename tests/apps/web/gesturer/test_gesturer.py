@@ -133,12 +133,19 @@ def test_a_stream(found, index, speech_with_a_pause):
     assert found[len(FILES) + index]["latency"] == pytest.approx(latency)
 
 
-def test_a_stream_of_a_model_without_hidden_ends(debug_model, debug_onnx, do_jobs, tmp_path):
-    write_page_description(shutil.copy(debug_onnx, tmp_path / "model.onnx"))
-    job = {"sound": SPEECH, "out": tmp_path / "motion.f32", "piece": 4000, "options": {"hop": 5, "speaker": "ada"}}
-    (answer,) = do_jobs(tmp_path, [job])
-    assert "error" not in answer, answer["error"]
-    check_equal(read(job["out"]), streamed(debug_model, job)[0])
+@pytest.mark.parametrize("kind", ["debug", "sampling"])
+def test_a_model_without_hidden_ends(kind, request, do_jobs, tmp_path):
+    """One that samples has the same takes in files and in streams."""
+    model, path = (request.getfixturevalue(f"{kind}_{name}") for name in ("model", "onnx"))
+    write_page_description(shutil.copy(path, tmp_path / "model.onnx"))
+    options = {"speaker": "ada", "seed": 2}
+    file, stream = jobs = [{"options": options}, {"options": options | {"hop": 5}, "piece": 4000}]
+    for index, job in enumerate(jobs):
+        job |= {"sound": SPEECH, "out": tmp_path / f"{index}.f32"}
+    assert not [answer["error"] for answer in do_jobs(tmp_path, jobs) if "error" in answer]
+    expected = model.generate(str(SPEECH), style=Style(speaker="ada"), seed=2)
+    check_equal(read(file["out"]), expected.directions)
+    check_equal(read(stream["out"]), streamed(model, stream)[0])
 
 
 def streamed(model, job):
