@@ -65,7 +65,8 @@ _REFERENCE_FRAMES = 7  # the largest M of Table 11
 _PEAK_DB = (-0.3, -40.0)  # of speech, relative to full scale; four of five are above -20
 _NOISE_DB = (-72.0, -47.0)  # power of the noise of the room, relative to the peak of the speech
 _BACKGROUND, _BACKGROUND_DB = 0.25, (-30.0, -5.0)  # probability of louder noise or of music, relative to the speech
-_REST_DB, _SILENT = (-10.0, -90.0), 0.15  # level of noise or music alone; the probability of none, of rest
+_REST_DB = (-10.0, -90.0)  # level of noise and music alone, relative to full scale
+_PARTS, _PART_SECONDS, _PART_DB, _SILENT = 3, (4.0, 9.0), (-20.0, 0.0), 0.15  # of rest; probability of silence
 _PARTNER_DB = (-6.0, 6.0)  # level of the other one of two people
 
 _VAL_STRIDE = 7
@@ -324,10 +325,15 @@ def _mix(
 
 
 def _rest(rng: np.random.Generator) -> np.ndarray:
-    """Draw noise, music or silence, enough for one clip: (samples,) float32."""
-    sound = _background(round((rng.uniform(*_CLIP_SECONDS) + 3) * SAMPLE_RATE), rng)
+    """Draw several noises, pieces of music and silences one after another, enough for one clip: (samples,) float32."""
+    parts = []
+    for _ in range(_PARTS):
+        num_samples = round(rng.uniform(*_PART_SECONDS) * SAMPLE_RATE)
+        gain = 10 ** (rng.uniform(*_PART_DB) / 20) * (rng.random() >= _SILENT)
+        parts.append(gain * _background(num_samples, rng))
+    sound = np.concatenate(parts)
     loud, quiet = _REST_DB
-    level = 10 ** ((loud + (quiet - loud) * rng.random() ** 1.5) / 20) * (rng.random() >= _SILENT)
+    level = 10 ** ((loud + (quiet - loud) * rng.random() ** 1.5) / 20)
     return _as_stored(sound * min(level, 0.95 / max(np.abs(sound).max(), 1e-9)))
 
 
