@@ -13,7 +13,7 @@ from tqdm import tqdm
 from ha2g_jax import metrics
 from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.data.records import Clip
-from ha2g_jax.data.talk import anatomy, lexicon, teacher
+from ha2g_jax.data.talk import anatomy, lexicon
 from ha2g_jax.data.talk.speakers import Style
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation import talk_takes
@@ -156,9 +156,7 @@ def _score_split(
         add(MODEL, truth, directions)
         if model.reads_words:
             add(WORDLESS, truth, generate_clip(model, clip, style, seed + index, has_words=False))
-        heard = clip.audio if clip.words else np.zeros_like(clip.audio)  # the teacher rests while nobody speaks
-        again = teacher.perform(heard, clip.words, Style(*clip.style), np.random.default_rng([seed, index]), fps)
-        add(TEACHER, truth, positions_to_directions(skeleton, again.positions))
+        add(TEACHER, truth, talk_takes.teach(skeleton, clip, [seed, index], fps))
         add(STILL, truth, np.broadcast_to(skeleton.mean_directions, directions.shape))
         progress.update()
     made = {name: cause_row(row, fps, first_frame) for name, row in trials.items() if row}

@@ -11,7 +11,7 @@ from ha2g_jax.data.talk.speakers import Style
 from ha2g_jax.evaluation.clip_result import clip_identity, generate_clip
 from ha2g_jax.metrics.beats.strokes import wrist_positions
 from ha2g_jax.metrics.takes import TakeDistances, take_distances
-from ha2g_jax.skeleton import positions_to_directions
+from ha2g_jax.skeleton import Skeleton, positions_to_directions
 from ha2g_jax.synthesis import Model
 
 MODEL, TEACHER, ONE_TAKE, STILL = "model", "teacher", "teacher, one take", "mean pose"
@@ -30,17 +30,14 @@ def compare_takes(
     Returns:
         Name of each set -> distances of each clip.
     """
-    found: dict[str, list[TakeDistances]] = {}
+    skeleton, found = model.spec.skeleton, {}
     for index, clip in enumerate(clips):
-        true = np.stack([_teach(model, clip, [seed, index, take]) for take in range(TEACHER_TAKES)])
         style = clip_identity(model, clip)
-        made = [
-            _wrists(model, generate_clip(model, clip, style, seed + take, look_ahead=look_ahead))
-            for take in range(MODEL_TAKES)
-        ]
-        length = min(true.shape[1], *map(len, made))
-        true, own = (np.stack([take[model.spec.num_seed_frames : length] for take in takes]) for takes in (true, made))
-        still = np.broadcast_to(_wrists(model, model.spec.skeleton.mean_directions[None]), own[:1].shape)
+        taught = [teach(skeleton, clip, [seed, index, take], model.fps) for take in range(TEACHER_TAKES)]
+        made = [generate_clip(model, clip, style, seed + take, look_ahead=look_ahead) for take in range(MODEL_TAKES)]
+        scored = slice(model.spec.num_seed_frames, min(map(len, (*taught, *made))))
+        true, own = (np.stack([wrist_positions(skeleton, take[scored]) for take in takes]) for takes in (taught, made))
+        still = np.broadcast_to(wrist_positions(skeleton, skeleton.mean_directions[None]), own[:1].shape)
         for name, takes, others in (
             (MODEL, own, true),
             (TEACHER, true[:MODEL_TAKES], true[MODEL_TAKES:]),
@@ -52,12 +49,8 @@ def compare_takes(
     return found
 
 
-def _teach(model: Model, clip: Clip, seed: list[int]) -> np.ndarray:
-    """Return the wrists (T, 2, 3) of the teacher with a seed."""
-    style, rng = Style(*clip.style), np.random.default_rng(seed)
-    taught = teacher.perform(clip.audio, clip.words, style, rng, model.fps)
-    return _wrists(model, positions_to_directions(model.spec.skeleton, taught.positions))
-
-
-def _wrists(model: Model, directions: np.ndarray) -> np.ndarray:
-    return wrist_positions(model.spec.skeleton, directions)
+def teach(skeleton: Skeleton, clip: Clip, seed: list[int], fps: float) -> np.ndarray:
+    """Return the directions (T, bones, 3) of a take of the teacher, who rests while nobody speaks."""
+    heard = clip.audio if clip.words else np.zeros_like(clip.audio)
+    taught = teacher.perform(heard, clip.words, Style(*clip.style), np.random.default_rng(seed), fps)
+    return positions_to_directions(skeleton, taught.positions)
