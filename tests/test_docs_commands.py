@@ -23,7 +23,8 @@ from ha2g_jax import cli, launch
 from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.config import presets
-from ha2g_jax.evaluation import scoring
+from ha2g_jax.data.corpus import TALK_VERSION
+from ha2g_jax.evaluation import scoring, talk_takes
 from ha2g_jax.evaluation.evaluate import evaluate
 from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.motion import formats
@@ -170,7 +171,7 @@ def test_scripts_and_targets_of_a_page_exist(page):
 SECONDS = 4  # of motion and sound; an import leaves out what is shorter than 2.8
 NAMES = ("one", "two")
 MOTIONS = (
-    *("out/demo.npz", "out/mine.npz", "mine.npz", "speech_gestures.npz", "generated.npz"),
+    *("out/demo.npz", "out/mine.npz", "mine.npz", "true.npz", "speech_gestures.npz", "generated.npz"),
     *(f"{folder}/{name}.npz" for folder in ("my_system", "MINE", "THEIRS", "TRUE") for name in NAMES),
 )
 CAPTURED = ("captured.bvh", "SPEAKER.bvh")
@@ -194,7 +195,7 @@ def files(debug_model, draw_state, tiny_talk, tmp_path_factory):
     (folder / "consent.txt").write_text("I take part.\n")
     write_study(folder / "my_study")
     write_smplx(folder)
-    for name in ("DST", "corpora/mocap", "corpora/video", "talk-v3"):
+    for name in ("DST", "corpora/mocap", "corpora/video", TALK_VERSION):
         (folder / name).symlink_to(tiny_talk)
     for name in ("ONE", "TWO"):
         write_corpus(folder / name, {"train": [make_clip(f"clip of {name}", speaker="ada")]})
@@ -250,6 +251,7 @@ def clone(files, tmp_path, monkeypatch):
     monkeypatch.setenv("HA2G_CACHE", str(tmp_path))
     monkeypatch.setattr("os.cpu_count", lambda: 1)  # processes start slowly
     monkeypatch.setattr(scoring, "evaluate", functools.partial(evaluate, draws=10))  # 1000 take up to half a minute
+    monkeypatch.setattr(talk_takes, "MAX_CLIPS", 1)
 
 
 @pytest.mark.usefixtures("clone")
