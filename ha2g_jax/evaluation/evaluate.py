@@ -202,8 +202,8 @@ def _few_recordings(made: Rows) -> list[str]:
     if made.reference.num_recordings > 1:
         return []
     return [
-        "all clips are of one recording, so there are no intervals, no mismatched speech and no other half; give clips "
-        "of several recordings"
+        "all clips are of one recording, so there are no intervals, no mismatched speech and no other half, and what "
+        "gives motion away is tested on blocks of its time; give clips of several recordings"
     ]
 
 

@@ -20,8 +20,8 @@ from ha2g_jax.metrics.hands import (
     row_bodies,
     spread_of_directions,
 )
-from ha2g_jax.metrics.metric import GIVEAWAY, Metric
-from ha2g_jax.metrics.row import Row
+from ha2g_jax.metrics.metric import GIVEAWAY, Metric, Score
+from ha2g_jax.metrics.row import Row, mean_by_recording
 from ha2g_jax.metrics.uncertainty import Estimate, jackknife
 
 WINDOW, HOP = 5.0, 2.5  # seconds of a window and from one to the next
@@ -29,6 +29,7 @@ MAX_FOLDS = 20  # parts that the recordings are divided into; each is left out o
 BLOCKS = 5  # parts of the time of one recording, if there is only one
 BANDS = (0.2, 0.6, 1.2, 2.4)  # Hz, lower edges of the bands of the speed's spectrum
 
+_FEWEST = 4  # windows that a classifier is trained on
 _SMALL = 1e-3  # metres, m/s, degrees: the logarithm of a quantity does not fall below that of this
 _AXES = ("lateral", "vertical", "depth")
 _OUTWARD = np.array([[1.0, 1, 1], [-1, 1, 1]])  # by hand: x away from the body
@@ -206,51 +207,69 @@ def windows_of(bodies: Sequence[UpperBody], clips: np.ndarray, recordings: np.nd
     return Windows(np.array(features), clips[owner], recordings[owner], np.array(starts))
 
 
-def told_apart(person: Windows, system: Windows, group: str = ALL) -> Estimate | None:
-    """Return the area under the ROC curve by which a system is told from a person, and its standard error.
+class Areas(NamedTuple):
+    """Areas under the ROC curve (n,) of recordings, with the number of windows and the index (n,) of each."""
+
+    values: np.ndarray
+    windows: np.ndarray
+    recordings: np.ndarray
+
+
+def held_out_areas(person: Windows, system: Windows, group: str = ALL) -> Areas | None:
+    """Return the areas by which a system is told from a person in recordings that the classifier has not seen.
 
     The classifier is linear discriminant analysis with shrinkage, trained without one recording, or one of `MAX_FOLDS`
-    parts of many, and tested on it; the value is the mean over these folds by windows, the error that of the jackknife.
-    If all is of one recording, the folds are `BLOCKS` of its time, and windows that overlap the tested block are not
-    trained on. None where there are too few windows.
+    parts of many, and tested on it. If all is of one recording, `BLOCKS` of its time take the place of recordings, and
+    windows that overlap the tested block are not trained on. None where there are too few windows.
     """
-    if not len(person.starts):
-        return None
-    folds = [_fold_of(side, person) for side in (person, system)]
-    used, areas = columns(group), []
-    for fold in np.unique(folds[0]):
-        tested = [mine == fold for mine in folds]
-        trained = [~_near(side, person, tested[0]) for side in (person, system)]
-        if min(mask.sum() for mask in (*tested, *trained)) < 1 or sum(mask.sum() for mask in trained) < 4:
+    sides = (person, system)
+    units, used, found = [_unit_of(side, person) for side in sides], columns(group), []
+    for fold in np.unique(units[0] % MAX_FOLDS):
+        is_tested = units[0] % MAX_FOLDS == fold
+        trained = [~_near(side, person, is_tested) for side in sides]
+        if not all(mask.any() for mask in trained) or sum(mask.sum() for mask in trained) < _FEWEST:
             continue
-        train, test = (
-            [side.features[mask][:, used] for side, mask in zip((person, system), masks, strict=True)]
-            for masks in (trained, tested)
-        )
-        weights = discriminant(*train)
-        areas.append((area_under_curve(test[0] @ weights, test[1] @ weights), tested[0].sum()))
-    if len(areas) < 2:
+        weights = discriminant(*(side.features[mask][:, used] for side, mask in zip(sides, trained, strict=True)))
+        for unit in np.unique(units[0][is_tested]):
+            first, second = (
+                side.features[owner == unit][:, used] @ weights for side, owner in zip(sides, units, strict=True)
+            )
+            if len(second):
+                found.append((area_under_curve(first, second), len(first), unit))
+    return Areas(*np.array(found).T) if len(found) > 1 else None
+
+
+def told_apart(person: Windows, system: Windows, group: str = ALL) -> Estimate | None:
+    """Return the mean of `held_out_areas` by windows and its standard error, that of the jackknife."""
+    areas = held_out_areas(person, system, group)
+    if areas is None:
         return None
     return jackknife(
-        np.array(areas), lambda rows: float(np.average(rows[:, 0], weights=rows[:, 1])), np.arange(len(areas))
+        np.stack([areas.values, areas.windows], axis=1),
+        lambda rows: float(np.average(rows[:, 0], weights=rows[:, 1])),
+        areas.recordings,
     )
 
 
-def _fold_of(windows: Windows, person: Windows) -> np.ndarray:
-    """Return the fold of each window: its recording, or a block of time of the person's only one."""
-    if len(np.unique(person.recordings)) > 1:
-        return windows.recordings % MAX_FOLDS
-    keys = [tuple(key) for key in np.unique(np.stack([person.clips, person.starts], axis=1), axis=0).tolist()]
-    own = zip(windows.clips.tolist(), windows.starts.tolist(), strict=True)
-    return np.array([keys.index(key) * BLOCKS // len(keys) if key in keys else -1 for key in own])
+def _unit_of(windows: Windows, person: Windows) -> np.ndarray:
+    """Return what each window is left out with: its recording, or a block of time of the person's only one."""
+    if _has_many(person):
+        return windows.recordings
+    keys = np.unique(np.stack([person.clips, person.starts], axis=1), axis=0).tolist()
+    own = np.stack([windows.clips, windows.starts], axis=1).tolist()
+    return np.array([keys.index(key) * BLOCKS // len(keys) if key in keys else -1 for key in own], int)
 
 
 def _near(windows: Windows, person: Windows, is_tested: np.ndarray) -> np.ndarray:
     """Return whether windows belong to the recordings that are tested, or overlap what is tested of the only one."""
-    if len(np.unique(person.recordings)) > 1:
+    if _has_many(person):
         return np.isin(windows.recordings, person.recordings[is_tested])
     is_same = windows.clips[:, None] == person.clips[is_tested][None]
     return (is_same & (np.abs(windows.starts[:, None] - person.starts[is_tested][None]) < WINDOW)).any(axis=1)
+
+
+def _has_many(person: Windows) -> bool:
+    return len(np.unique(person.recordings)) > 1
 
 
 def discriminant(first: np.ndarray, second: np.ndarray) -> np.ndarray:
@@ -282,12 +301,18 @@ def _row_windows(row: Row) -> Windows:
     return windows_of(row.once(row_bodies), row.numbers, row.members)
 
 
-def _told_from_truth(group: str) -> Callable[[Row], Estimate | None]:
-    def measure(row: Row) -> Estimate | None:
-        truth = row.reference.truth
+def _told_from_truth(group: str) -> Callable[[Row], Score]:
+    def measure(row: Row) -> Score:
+        truth, num_recordings = row.reference.truth, row.reference.num_recordings
         if row.directions is truth.directions:  # the person, or the person with other speech
             return None
-        return told_apart(truth.once(_row_windows), row.once(_row_windows), group)
+        windows = truth.once(_row_windows), row.once(_row_windows)
+        if num_recordings < 2:
+            return told_apart(*windows, group)
+        areas = held_out_areas(*windows, group)
+        if areas is None:
+            return None
+        return mean_by_recording(areas.values, areas.recordings.astype(int), num_recordings, areas.windows)
 
     return measure
 

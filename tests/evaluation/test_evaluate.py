@@ -102,6 +102,12 @@ def test_smoothing_moves_less_and_jitter_more(results):
     assert value(results, FROZEN, "l1_diversity") == pytest.approx(0, abs=1e-9)
 
 
+def test_jitter_gives_itself_away_and_the_true_motion_later_does_not(results):
+    assert value(results, JITTER, "told_by_smoothness") > 0.95
+    assert abs(value(results, "late", "told_by_smoothness") - 0.5) < 0.2
+    assert not {"told_by_all"} & {*results["rows"][TRUTH], *results["rows"][MISMATCHED]}
+
+
 def test_an_angle_that_never_bends_has_no_limits(skeleton, perform):
     reference = perform(6)
     elbow = skeleton.bone("left_wrist")
