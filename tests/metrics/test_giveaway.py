@@ -5,10 +5,11 @@ import math
 import numpy as np
 import pytest
 
+from ha2g_jax.evaluation.motion_folders import read_directions
 from ha2g_jax.metrics import giveaway, hands
 from ha2g_jax.metrics.giveaway import Windows, area_under_curve, discriminant, told_apart
 from ha2g_jax.metrics.hands import UpperBody
-from ha2g_jax.skeleton import load_skeleton
+from ha2g_jax.skeleton import directions_to_positions, load_skeleton
 
 FPS = 15.0
 SIZE = len(giveaway.feature_names())
@@ -103,3 +104,14 @@ def test_the_head_deviates_by_its_turns_alike_in_both_skeletons():
         assert (
             body.wrists[0, 0, 0] > 0 > body.wrists[0, 1, 0] and (body.wrists[0, :, 2] < body.shoulders[0, :, 2]).all()
         )
+
+
+def test_a_person_of_a_recording_has_the_values_of_the_page(private_data):
+    motion = read_directions(private_data / "zeroeggs_067" / "067_Speech_2_x_1_0.mixamo.bvh", "ted_expressive")
+    skeleton = load_skeleton("ted_expressive")
+    body = hands.upper_body(skeleton, directions_to_positions(skeleton, motion.directions), FPS)
+    assert hands.slower_wrist(body) == pytest.approx(0.61, abs=0.01)
+    assert hands.both_moving(body) == pytest.approx(0.70, abs=0.01)
+    assert hands.lateral_spread(body) == pytest.approx(17.3, abs=0.1)
+    assert hands.hand_distances(body).mean() == pytest.approx(82, abs=0.5)
+    assert hands.nearest_segment(body) == pytest.approx(25.5, abs=0.5)
