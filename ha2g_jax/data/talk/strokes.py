@@ -26,8 +26,8 @@ LATENCY = 0.06  # seconds that gestures are late or early at either end of the s
 _BEAT_GAP = 0.5
 WEAKEST_BEAT = 0.75
 _LIVELY_SECONDS = 4.0
-_USUAL_LOUDNESS, _USUAL_PITCH = 0.165, 2.2  # standard deviations over syllables
-_RISE, _REST, _REBOUND, _BEYOND = 0.48, 0.03, 0.3, 0.15
+_USUAL_LOUDNESS, _USUAL_PITCH = 0.163, 2.2  # standard deviations over syllables
+_RISE, _REST, _REBOUND, _BEYOND = 0.48, 0.03, 0.32, 0.08
 _HOLD = 0.55
 
 
@@ -145,7 +145,7 @@ def liveliness(cues: Cues, moments: np.ndarray) -> np.ndarray:
         np.sqrt(np.maximum(weights @ track**2 - (weights @ track) ** 2, 0)) / usual
         for track, usual in ((loudness, _USUAL_LOUDNESS), (pitch, _USUAL_PITCH))
     ]
-    return np.clip(spreads[0] ** 0.8 * spreads[1] ** 0.25, 0.6, 1.6)
+    return np.clip(spreads[0] ** 1.2 * spreads[1] ** 0.25, 0.6, 1.6)
 
 
 def track(times: np.ndarray, keys: Sequence[tuple[float, Sequence[float] | float]]) -> np.ndarray:
@@ -176,7 +176,7 @@ def plan_beats(cues: Cues, latency: float) -> tuple[Beat, ...]:
     for moment, loudness in sorted(tuple(nucleus) for nucleus in chosen):
         hit = moment + latency
         # A stroke soon after another is quicker, but never too quick for the frame rate to show it.
-        stroke = np.clip(0.48 * (hit - last), 0.22, 0.28)
+        stroke = np.clip(0.5 * (hit - last), 0.24, 0.30)
         pitch = float(cues.pitch[min(round(moment * RATE), len(cues.pitch) - 1)])
         beats.append(Beat(hit - stroke, hit, loudness, pitch))
         last = hit

@@ -20,20 +20,21 @@ from ha2g_jax import skeleton as skeletons
 from ha2g_jax.data.records import Stroke
 from ha2g_jax.data.talk import anatomy, lexicon, strokes
 from ha2g_jax.data.talk.speakers import Style
-from ha2g_jax.data.talk.stances import REST, arm_track, draw_stances, plan_moves
+from ha2g_jax.data.talk.stances import ARM, REST, arm_track, draw_stances, plan_moves
 from ha2g_jax.features.text import Word
 
 SKELETON = "ted_expressive"
 
 _RATE = 60  # frames per second at which movement is composed
 _JITTER = 0.008  # standard deviation of the random part of the latency, in seconds
-_FOREARM = 0.33  # metres from elbow to wrist
+_FOREARM, _SHOULDERS = 0.33, 0.42  # metres from elbow to wrist, and from shoulder to shoulder
 _LOW_PITCH = -0.3  # semitones from which down a beat is made by the other hand
 _WIDE_PITCH = 3.0  # semitones at which a beat goes far to the side
 _AVERAGE_BEAT = 0.07  # metres that the wrist is raised
 _AVERAGE_NOD = 4.0  # degrees
 _SHIFT_SIZE = 0.3  # of a shift within a stance, in that of a new stance
-_ARM_SWAY = np.array([0.04, 0.015, 0.04, 4.0, 6.0, 4.0, 3.0])  # standard deviations of `stances.ARM` in speech
+_ARM_SWAY = np.array([0.05, 0.006, 0.05, 4.0, 6.0, 4.0, 3.0])  # standard deviations of `stances.ARM` in speech
+_ARM_SWAY_SECONDS = {0.35: 0.9, 0.17: 0.45}
 _REST_SWAY = 0.3  # of it at rest
 
 
@@ -68,7 +69,7 @@ def perform(
 
 def hand_gains(style: Style) -> np.ndarray:
     """Return the weight (2,) of the movement of the left and the right hand; that of the dominant hand is 1."""
-    return np.minimum(1.0, 2.0 ** (1.2 * np.array([-1.0, 1.0]) * style.handedness))
+    return np.minimum(1.0, 2.0 ** (1.5 * np.array([-1.0, 1.0]) * style.handedness))
 
 
 def _rounded(stroke: Stroke) -> Stroke:
@@ -84,7 +85,7 @@ def _compose(skeleton, audio, words, style, rng) -> tuple[anatomy.Body, list[Str
     stance_rng, beat_rng, sway_rng = rng.spawn(3)
     beats = strokes.plan_beats(found, latency)
     gestures = strokes.plan_word_gestures(words, latency)
-    moves = plan_moves(found.nuclei[:, 0] + latency, beats, stance_rng)
+    moves = plan_moves(found.nuclei[:, 0] + latency, beats, times[-1], stance_rng)
     liveliness = strokes.liveliness(found, np.array([move.hit for move in moves]))
     stances = draw_stances(moves, liveliness, style, stance_rng)
     arms, arm_strokes = _arms(skeleton, times, found, beats, gestures, stances, style, beat_rng, sway_rng)
@@ -107,22 +108,28 @@ def _arms(
     """Compute the angles (T, 2, 7) of the arms: stances, blended with the word gestures, plus beats and sway."""
     offsets, hands = _beat_offsets(found, beats, stances, style, beat_rng)
     sway = 2.0 ** (0.6 * style.amplitude) * _awake(times, stances)[:, None] * _ARM_SWAY
-    arms = np.zeros((len(times), 2, len(anatomy.ARM_LIMITS)))
+    arms = np.stack(
+        [_blend_gestures(arm_track(times, stances, side), times, gestures, style, side) for side in range(2)], axis=1
+    )
+    for seconds, share in _ARM_SWAY_SECONDS.items():
+        shared, own = (_sway(sway_rng, (len(times), count, len(ARM)), seconds) for count in (1, 2))
+        arms += share * sway[:, None] * np.sqrt(0.5) * (shared + own)
+    raised = np.stack([strokes.track(times, strokes.beat_keys(beats, offsets[:, side])) for side in range(2)], axis=1)
+    wrists = _clear_of_the_body(arms[..., :3] + raised)
+    angles = np.zeros((len(times), 2, len(anatomy.ARM_LIMITS)))
     for side in range(2):
-        arm = _blend_gestures(arm_track(times, stances, side), times, gestures, style, side)
-        arm += sway * _sway(sway_rng, arm.shape, 0.4)
-        beat = strokes.track(times, strokes.beat_keys(beats, offsets[:, side]))
-        wrist = _clear_of_the_body(arm[:, :3] + beat)
+        arm, wrist, beat = arms[:, side], wrists[:, side], raised[:, side]
         # An elbow is less outward where the hand is high or far to the side; the hand is behind in a beat.
         swivel = arm[:, 3] - 60 * (wrist[:, 1] + 0.4) - 80 * np.maximum(wrist[:, 0] - 0.1, -0.1)
         arm[:, 5] += np.rad2deg(1.5 * (_sample(beat[:, 1], np.arange(len(beat)) - 3) - beat[:, 1]) / _FOREARM)
-        arms[:, side] = np.concatenate([anatomy.reach(skeleton, wrist, swivel), arm[:, 4:]], axis=-1)
+        angles[:, side] = np.concatenate([anatomy.reach(skeleton, wrist, swivel), arm[:, 4:]], axis=-1)
     names = ("left", "right")
     performed = []
     for stance in stances:
-        size = _SHIFT_SIZE if stance.move.kind == "shift" else 1.0
         hit = stance.move.hit
-        performed.append(Stroke(hit, stance.start, hit, "stance", stance.hand, size, stance.name))
+        size = _SHIFT_SIZE if stance.move.kind == "shift" else 1.0
+        if stance.move.kind != "idle":
+            performed.append(Stroke(hit, stance.start, hit, "stance", stance.hand, size, stance.name))
     for beat, offset, made in zip(beats, offsets, hands, strict=True):
         hand = "both" if made.all() else names[int(made[1])]
         size = float(offset[:, 1].max() / _AVERAGE_BEAT)
@@ -131,7 +138,7 @@ def _arms(
     for gesture in gestures:
         hand = "both" if lexicon.ARM_PATHS[gesture.word_class].both else dominant
         performed.append(Stroke(gesture.peak, gesture.start, gesture.end, "semantic", hand, 1.0, gesture.word_class))
-    return arms, performed
+    return angles, performed
 
 
 def _awake(times, stances) -> np.ndarray:
@@ -149,24 +156,25 @@ def _beat_offsets(found, beats, stances, style, rng) -> tuple[np.ndarray, np.nda
     The size grows with the loudness of the syllable. A stance has beats of both hands, of one, or in turns, where a
     syllable of low pitch moves the hand that is not dominant.
     """
+    of_beats = [stance for stance in stances if stance.move.is_beat]
     loudness, pitch = (np.array([getattr(beat, name) for beat in beats]) for name in ("loudness", "pitch"))
     size = 2.0 ** (0.8 * style.amplitude + 0.25 * style.mixing)
-    size = size * strokes.liveliness(found, np.array([beat.hit for beat in beats])) * rng.lognormal(0, 0.35, len(beats))
-    height = size * (0.032 + 0.05 * np.clip((loudness - strokes.WEAKEST_BEAT) / 0.35, 0, 1))
+    size = size * strokes.liveliness(found, np.array([beat.hit for beat in beats])) * rng.lognormal(0, 0.25, len(beats))
+    size *= np.array([stance.vigour for stance in of_beats])
+    height = size * (0.026 + 0.04 * np.clip((loudness - strokes.WEAKEST_BEAT) / 0.35, 0, 1))
     direction = np.ones((len(beats), 2, 3))
     direction[..., 0] = 0.1 + 0.4 * np.clip(pitch / _WIDE_PITCH, -1, 1)[:, None]
     direction[..., 2] = 0.3
     spread = np.array([1.0, 0.0, 1.0])
-    direction += spread * (0.5 * rng.standard_normal((len(beats), 1, 3)) + 0.4 * rng.standard_normal(direction.shape))
+    direction += spread * (0.4 * rng.standard_normal((len(beats), 1, 3)) + 0.28 * rng.standard_normal(direction.shape))
     dominant = int(style.handedness >= 0)
     hands = np.ones((len(beats), 2), bool)
-    of_beats = [stance for stance in stances if stance.move.is_beat]
     for beat, stance, made in zip(beats, of_beats, hands, strict=True):
         if stance.pattern == "turns":
             made[dominant if beat.pitch <= _LOW_PITCH else 1 - dominant] = False
         elif stance.pattern == "one":
             made[1 - (dominant if stance.hand == "both" else int(stance.hand == "right"))] = False
-    gains = hand_gains(style) * np.where(hands, 1.0, 0.35) * rng.lognormal(0, 0.25, hands.shape)
+    gains = hand_gains(style) * np.where(hands, 1.0, 0.35) * rng.lognormal(-0.05, 0.4, hands.shape)
     heights = np.clip(height, 0.025, 0.16)[:, None] * gains
     return heights[..., None] * np.clip(direction, -1.2, 1.2), hands
 
@@ -181,17 +189,20 @@ def _blend_gestures(arm, times, gestures, style, side) -> np.ndarray:
     ready = [np.array([*path.wind_up, swivel, path.pronation, 0, 0]) for path in paths]
     peak = [np.array([*path.peak, swivel, path.pronation, path.extension, 0]) for path in paths]
     keys, value = strokes.gesture_keys(mine, ready, peak)
-    weight = strokes.track(times, keys)[:, None] * 0.65 * 2.0 ** (0.15 * (style.amplitude - style.mixing))
+    weight = strokes.track(times, keys)[:, None] * 0.5 * 2.0 ** (0.15 * (style.amplitude - style.mixing))
     return arm + np.minimum(weight, 1) * (strokes.track(times, value) - arm)
 
 
-def _clear_of_the_body(wrist: np.ndarray) -> np.ndarray:
-    """Keep a wrist (T, 3) where an arm is at ease: before the trunk, and lower where it crosses it."""
-    outward, up, forward = wrist.T
-    outward = -anatomy.at_least(-outward, -0.5)
+def _clear_of_the_body(wrists: np.ndarray) -> np.ndarray:
+    """Keep wrists (T, 2, 3) where arms are at ease: side by side, and before the trunk if they cross it or are high."""
+    outward, up, forward = np.moveaxis(wrists, -1, 0)
+    between = _SHOULDERS + outward.sum(axis=1, keepdims=True)
+    outward = -anatomy.at_least(-outward - (anatomy.at_least(between, 0.12) - between) / 2, -0.5)
     crossing = _step((0.06 - outward) / 0.2)
     up = -anatomy.at_least(-up, 0.22 * crossing - 0.12)
-    return np.stack([outward, up, anatomy.at_least(forward, 0.03 + 0.22 * crossing)], axis=-1)
+    raised = _step((up + 0.5) / 0.3) * (1 - _step((outward - 0.2) / 0.2))
+    forward = anatomy.at_least(forward, 0.03 + 0.24 * (1 - (1 - crossing) * (1 - raised)))
+    return np.stack([outward, up, forward], axis=-1)
 
 
 def _step(values: np.ndarray) -> np.ndarray:
@@ -223,7 +234,7 @@ def _trunk_and_head(times, found, stances, style, latency) -> tuple[np.ndarray, 
     for stance in stances:
         turns += [(stance.start, turns[-1][1]), (stance.move.hit + 0.15, stance.trunk)]
     turn = strokes.track(times, strokes.in_order(turns))
-    excited = np.clip(pitch, -3, 6)
+    excited = ndimage.gaussian_filter1d(np.clip(pitch, -3, 6), 0.2 * _RATE)
     lean = np.stack([-0.5 * excited, 2.5 * side, 1.5 * side], axis=-1)
     head = np.stack([nod - size * 0.8 * excited, 3.0 * size * side, -2.0 * size * side], axis=-1)
     shrug = np.stack([size * (1.0 * excited + 1.5 * side), size * (1.0 * excited - 1.5 * side)], axis=-1)
