@@ -108,6 +108,11 @@ class Stance(NamedTuple):
     move: Move = Move(-1.0, False, REST)
 
 
+def hand_gains(style: Style) -> np.ndarray:
+    """Return the weight (2,) of the movement of the left and the right hand; the dominant one does more."""
+    return 2.0 ** (0.6 * np.array([-1.0, 1.0]) * style.handedness)
+
+
 def plan_moves(
     syllables: np.ndarray, beats: Sequence[strokes.Beat], seconds: float, rng: np.random.Generator
 ) -> list[Move]:
@@ -161,7 +166,7 @@ def draw_stances(moves: Sequence[Move], liveliness: np.ndarray, style: Style, rn
         elif move.kind == "stance":
             new = drawn = _draw(last.name, lively, style, rng)
         else:
-            arms = drawn.arms + _variation(_SHIFT * size * drawn.vigour, rng)
+            arms = drawn.arms + _variation(_SHIFT * size * drawn.vigour, rng) * np.sqrt(hand_gains(style))[:, None]
             if not move.is_beat:  # a hand that falls without a beat would look like one
                 arms[:, 1] = np.maximum(arms[:, 1], last.arms[:, 1])
             new = last._replace(arms=_within_reach(arms))

@@ -20,7 +20,7 @@ from ha2g_jax import skeleton as skeletons
 from ha2g_jax.data.records import Stroke
 from ha2g_jax.data.talk import anatomy, lexicon, strokes
 from ha2g_jax.data.talk.speakers import Style
-from ha2g_jax.data.talk.stances import ARM, REST, arm_track, draw_stances, plan_moves
+from ha2g_jax.data.talk.stances import ARM, REST, arm_track, draw_stances, hand_gains, plan_moves
 from ha2g_jax.features.text import Word
 
 SKELETON = "ted_expressive"
@@ -30,12 +30,12 @@ _JITTER = 0.008  # standard deviation of the random part of the latency, in seco
 _FOREARM, _SHOULDERS = 0.33, 0.42  # metres from elbow to wrist, and from shoulder to shoulder
 _LOW_PITCH = -0.3  # semitones from which down a beat is made by the other hand
 _WIDE_PITCH = 3.0  # semitones at which a beat goes far to the side
-_AVERAGE_BEAT = 0.07  # metres that the wrist is raised
+_AVERAGE_BEAT = 0.05  # metres that the wrist is raised
 _AVERAGE_NOD = 4.0  # degrees
 _SHIFT_SIZE = 0.3  # of a shift within a stance, in that of a new stance
 _ARM_SWAY = np.array([0.05, 0.006, 0.05, 4.0, 6.0, 4.0, 3.0])  # standard deviations of `stances.ARM` in speech
 _ARM_SWAY_SECONDS = {0.35: 0.9, 0.17: 0.45}
-_REST_SWAY = 0.3  # of it at rest
+_REST_SWAY = 0.12  # of it at rest
 
 
 class Movement(NamedTuple):
@@ -65,11 +65,6 @@ def perform(
     directions = anatomy.body_directions(skeleton, anatomy.within_limits(body))
     positions = skeletons.directions_to_positions(skeleton, directions).astype(np.float32)
     return Movement(positions, tuple(sorted(map(_rounded, performed))))
-
-
-def hand_gains(style: Style) -> np.ndarray:
-    """Return the weight (2,) of the movement of the left and the right hand; that of the dominant hand is 1."""
-    return np.minimum(1.0, 2.0 ** (1.5 * np.array([-1.0, 1.0]) * style.handedness))
 
 
 def _rounded(stroke: Stroke) -> Stroke:
@@ -107,13 +102,14 @@ def _arms(
 ) -> tuple[np.ndarray, list[Stroke]]:
     """Compute the angles (T, 2, 7) of the arms: stances, blended with the word gestures, plus beats and sway."""
     offsets, hands = _beat_offsets(found, beats, stances, style, beat_rng)
-    sway = 2.0 ** (0.6 * style.amplitude) * _awake(times, stances)[:, None] * _ARM_SWAY
+    sway = 2.0 ** (0.6 * style.amplitude) * _awake(times, stances)[:, None, None] * _ARM_SWAY
+    sway = sway * np.sqrt(hand_gains(style))[:, None]
     arms = np.stack(
         [_blend_gestures(arm_track(times, stances, side), times, gestures, style, side) for side in range(2)], axis=1
     )
     for seconds, share in _ARM_SWAY_SECONDS.items():
         shared, own = (_sway(sway_rng, (len(times), count, len(ARM)), seconds) for count in (1, 2))
-        arms += share * sway[:, None] * np.sqrt(0.5) * (shared + own)
+        arms += share * sway * np.sqrt(0.5) * (shared + own)
     raised = np.stack([strokes.track(times, strokes.beat_keys(beats, offsets[:, side])) for side in range(2)], axis=1)
     wrists = _clear_of_the_body(arms[..., :3] + raised)
     angles = np.zeros((len(times), 2, len(anatomy.ARM_LIMITS)))
@@ -161,7 +157,7 @@ def _beat_offsets(found, beats, stances, style, rng) -> tuple[np.ndarray, np.nda
     size = 2.0 ** (0.8 * style.amplitude + 0.25 * style.mixing)
     size = size * strokes.liveliness(found, np.array([beat.hit for beat in beats])) * rng.lognormal(0, 0.25, len(beats))
     size *= np.array([stance.vigour for stance in of_beats])
-    height = size * (0.026 + 0.04 * np.clip((loudness - strokes.WEAKEST_BEAT) / 0.35, 0, 1))
+    height = size * (0.02 + 0.031 * np.clip((loudness - strokes.WEAKEST_BEAT) / 0.35, 0, 1))
     direction = np.ones((len(beats), 2, 3))
     direction[..., 0] = 0.1 + 0.4 * np.clip(pitch / _WIDE_PITCH, -1, 1)[:, None]
     direction[..., 2] = 0.3
@@ -175,7 +171,7 @@ def _beat_offsets(found, beats, stances, style, rng) -> tuple[np.ndarray, np.nda
         elif stance.pattern == "one":
             made[1 - (dominant if stance.hand == "both" else int(stance.hand == "right"))] = False
     gains = hand_gains(style) * np.where(hands, 1.0, 0.35) * rng.lognormal(-0.05, 0.4, hands.shape)
-    heights = np.clip(height, 0.025, 0.16)[:, None] * gains
+    heights = np.clip(height, 0.02, 0.16)[:, None] * gains
     return heights[..., None] * np.clip(direction, -1.2, 1.2), hands
 
 
