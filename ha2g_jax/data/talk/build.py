@@ -161,7 +161,7 @@ def _check(num_speakers: int, minutes: float, seed: int, fps: int, synthesiser: 
     for name, (value, least, most) in limits.items():
         if not least <= value <= most:  # NaN is not
             raise UserError(f"--{name} is {shown(str(value))}, expected {least} to {most:,}")
-    for speaker in draw_speakers(3, 0, seed, synthesiser):
+    for speaker in draw_speakers(6, 3, seed, synthesiser):  # with every voice of Flite
         say("ready.", speaker.voice)  # fails here if the synthesiser is not installed, and not in the workers
 
 
