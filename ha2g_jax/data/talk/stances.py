@@ -62,14 +62,15 @@ _PATTERNS, _PATTERN_SHARES = ("both", "turns", "one"), (0.55, 0.25, 0.2)
 
 _PHRASE_GAP = 0.3  # seconds without a syllable after which a phrase begins
 _REST_GAP = 1.7  # seconds without a syllable in which the arms come to rest
-_AT_REST = 1.5  # seconds after the last syllable
+_AT_REST, _RISE = 1.5, 0.75  # seconds after the last syllable, and before the next one
 _HOLD = (1.2, 3.4)  # seconds until the next stance of a long phrase
-_PATIENCE = 1.2  # seconds that a new stance waits for a beat
+_ROOM, _PATIENCE = 0.62, 1.2  # seconds before the beat of a new stance, and that the stance waits for such a beat
 _SHORTEST = 0.8  # seconds of a stance at the end of a phrase
 _WAIT = 0.7  # seconds to the nearest beat from which hands move at a syllable without one
 _IDLE = (3.5, 9.0)  # seconds between two small movements at rest
 _SECONDS, _REST_SECONDS = (0.75, 1.1), {REST: 1.0, "idle": 2.2}  # of a movement
-_SHIFT = 1.8  # standard deviations of a shift within a stance, in those of the stance
+_FALL = 0.3  # metres that a hand falls at most in the stroke of a beat
+_SHIFT = 2.0  # standard deviations of a shift within a stance, in those of the stance
 
 
 class Move(NamedTuple):
@@ -134,14 +135,16 @@ def plan_moves(
         for moment in spoken:
             if all(abs(moment - other) >= _WAIT for other, _ in events):
                 events.append((moment, False))
-        due = -np.inf
+        due = before = -np.inf
         for moment, is_beat in sorted(events):
-            is_new = moment >= due and (is_beat or moment >= due + _PATIENCE)
+            is_good = is_beat and moment >= before + _ROOM
+            is_new = moment >= due and (is_good or moment >= due + _PATIENCE)
             moves.append(Move(moment, is_beat, "stance" if is_new else "shift"))
+            before = moment
             if is_new:
                 due = moment + rng.uniform(*_HOLD)
                 due = min(due, *phrases[(phrases >= moment + _SHORTEST) & (phrases < due)][:1], np.inf)
-        rest = spoken[-1] + _AT_REST
+        rest = spoken[-1] + min(_AT_REST, gaps[last] - _RISE)
         moves.append(Move(rest, False, REST))
         first = last + 1
     return moves + _idle(rest, seconds, rng)
@@ -160,7 +163,7 @@ def draw_stances(moves: Sequence[Move], liveliness: np.ndarray, style: Style, rn
     for move, lively in zip(moves, liveliness, strict=True):
         seconds = _REST_SECONDS[move.kind] if move.kind in _REST_SECONDS else rng.uniform(*_SECONDS)
         start = max(move.hit - seconds, last.move.hit + 0.08)
-        size = lively * 2.0 ** (0.6 * style.amplitude) * min(((move.hit - start) / 0.8) ** 1.5, 1.0)
+        size = lively * 2.0 ** (0.75 * style.amplitude) * min(((move.hit - start) / 0.8) ** 1.5, 1.0)
         if move.kind in _REST_SECONDS:
             new = Stance(arms=REST_ARM + _variation(0.3, rng), trunk=rng.normal(0, (1.0, 2.0, 1.0)))
         elif move.kind == "stance":
@@ -181,7 +184,7 @@ def _draw(before: str, lively: float, style: Style, rng: np.random.Generator) ->
     shares[[name == before for name in STANCES]] *= 0.15
     name = list(STANCES)[rng.choice(len(STANCES), p=shares / shares.sum())]
     place = STANCES[name]
-    scale = lively**0.7 * 2.0 ** (0.4 * style.amplitude)
+    scale = lively**0.9 * 2.0 ** (0.4 * style.amplitude)
     arms = np.zeros((2, len(ARM)))
     arms[:, :3] = _MIDDLE + scale * (np.array([place.first, place.second]) - _MIDDLE)
     arms[:, 1] += 0.15 * (lively - 1.1)
@@ -213,17 +216,16 @@ def arm_track(times: np.ndarray, stances: Sequence[Stance], side: int) -> np.nda
     Where a stance is reached with a beat, the hand falls in the beat's stroke, so that a fall is no beat of its own,
     and has risen before it.
     """
-    keys, heights = [(-1.0, REST_ARM)], [(-1.0, REST_ARM[1])]
+    keys, slow, fast = [(-1.0, REST_ARM)], [(-1.0, REST_ARM[1])], [(-1.0, 0.0)]
     for stance in stances:
         start, hit = (moment + stance.lag[side] for moment in (stance.start, stance.move.hit))
-        arm, height = stance.arms[side], stance.arms[side, 1]
+        arm = stance.arms[side]
         keys += [(start, keys[-1][1]), (hit, arm)]
-        fall = heights[-1][1] - height
-        if stance.move.is_beat and fall > 0:
-            start = max(hit - min(0.26 + 0.3 * fall, 0.34), start)
-        elif stance.move.is_beat:
-            hit -= 0.22
-        heights += [(start, heights[-1][1]), (hit, height)]
+        rise = arm[1] - slow[-1][1] - fast[-1][1]
+        stroke = np.clip(rise, -_FALL, 0) if stance.move.is_beat else 0.0
+        fast += [(max(hit - 0.24 + 0.4 * stroke, start), fast[-1][1]), (hit, fast[-1][1] + stroke)]
+        risen = hit - 0.22 if stance.move.is_beat and rise > 0 else hit
+        slow += [(start, slow[-1][1]), (risen, slow[-1][1] + rise - stroke)]
     track = strokes.track(times, strokes.in_order(keys))
-    track[:, 1] = strokes.track(times, strokes.in_order(heights))
+    track[:, 1] = sum(strokes.track(times, strokes.in_order(heights)) for heights in (slow, fast))
     return track

@@ -102,7 +102,7 @@ def _arms(
 ) -> tuple[np.ndarray, list[Stroke]]:
     """Compute the angles (T, 2, 7) of the arms: stances, blended with the word gestures, plus beats and sway."""
     offsets, hands = _beat_offsets(found, beats, stances, style, beat_rng)
-    sway = 2.0 ** (0.6 * style.amplitude) * _awake(times, stances)[:, None, None] * _ARM_SWAY
+    sway = 2.0 ** (0.75 * style.amplitude) * _awake(times, stances)[:, None, None] * _ARM_SWAY
     sway = sway * np.sqrt(hand_gains(style))[:, None]
     arms = np.stack(
         [_blend_gestures(arm_track(times, stances, side), times, gestures, style, side) for side in range(2)], axis=1
