@@ -168,7 +168,7 @@ OF_METHOD: dict[str, tuple[Setting, ...]] = {
         Setting("model.inferer.noise_dim", 16, whole(1, MAX_CHANNELS), "channels of the noise"),
         *_losses(
             "energy_ha2g",
-            {"energy": 100.0, "velocity": 100.0, "kld": 0.1, "contrastive": 0.1},
+            {"energy": 100.0, "velocity": 400.0, "kld": 0.1, "contrastive": 0.1},
             *(_TEMPERATURE, _NEGATIVES),
         ),
     ),
