@@ -142,7 +142,7 @@ def liveliness(cues: Cues, moments: np.ndarray) -> np.ndarray:
     weights = np.exp(-((moments[:, None] - times) ** 2) / (2 * _LIVELY_SECONDS**2)) + 1e-3
     weights /= weights.sum(axis=1, keepdims=True)
     spreads = [
-        np.sqrt(np.maximum(weights @ track**2 - (weights @ track) ** 2, 0)) / usual
+        np.maximum(np.sqrt(np.maximum(weights @ track**2 - (weights @ track) ** 2, 0)) / usual, 0.2)
         for track, usual in ((loudness, _USUAL_LOUDNESS), (pitch, _USUAL_PITCH))
     ]
     return np.clip(spreads[0] ** 1.2 * spreads[1] ** 0.25, 0.6, 1.6)

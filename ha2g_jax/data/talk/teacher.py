@@ -92,7 +92,7 @@ def _compose(skeleton, audio, words, style, rng) -> tuple[anatomy.Body, list[Str
         shrug,
         arms,
         fingers + 0.006 * _sway(sway_rng, fingers.shape),
-        14.0 - 2.5 * style.curl + 1.5 * _sway(sway_rng, (len(times), 2), 1.5),
+        11.0 - 2.0 * style.curl + 1.5 * _sway(sway_rng, (len(times), 2), 1.5),
     )
     return body, arm_strokes + body_strokes
 
@@ -239,7 +239,7 @@ def _trunk_and_head(times, found, stances, style, latency) -> tuple[np.ndarray, 
 
 def _fingers(times, gestures, style) -> np.ndarray:
     """Compute the flexions (T, 2, 5) of the fingers: the style's rest pose, and the shape of each word's class."""
-    rest = np.array([0.40, 0.40, 0.44, 0.45, 0.44]) + 0.13 * style.curl
+    rest = np.array([0.40, 0.44, 0.44, 0.42, 0.36]) + 0.13 * style.curl
     fingers = np.tile(rest, (len(times), 2, 1))
     dominant = int(style.handedness >= 0)
     for side in range(2):

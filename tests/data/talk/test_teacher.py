@@ -5,7 +5,9 @@ import pytest
 
 from ha2g_jax import skeleton as skeletons
 from ha2g_jax.data.talk import anatomy, lexicon, speakers, strokes, teacher
+from ha2g_jax.data.talk.stances import STANCES
 from ha2g_jax.features.text import Word
+from ha2g_jax.metrics import hands
 from ha2g_jax.metrics.beats.strokes import match, recall, stroke_beats
 
 SKELETON = skeletons.load_skeleton(teacher.SKELETON)
@@ -86,6 +88,69 @@ def test_beats_fall_on_syllables_and_can_be_seen_there():
         wrists = movement.positions[:, [SKELETON.joint("left_wrist"), SKELETON.joint("right_wrist")]]
         met.append(recall(np.array([match(np.array(times), np.array(times), stroke_beats(wrists, 15))])))
     assert np.mean(met) > 0.9
+
+
+def test_stances_are_taken_at_syllables_and_left_for_rest():
+    movement = perform(words=())
+    stances = [stroke for stroke in movement.strokes if stroke.kind == "stance"]
+    assert [stroke.time for stroke in stances] == sorted(stroke.time for stroke in stances)
+    *spoken, last = stances
+    assert last.word_class == "rest"
+    assert last.time > SYLLABLES[-1] + 1
+    np.testing.assert_allclose([stroke.time for stroke in spoken if stroke.word_class != "rest"], SYLLABLES, atol=0.06)
+    new = [stroke.word_class for stroke in spoken if stroke.amplitude == 1]
+    assert set(new) <= {*STANCES, "rest"}
+    assert len(set(new)) > 1
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_body_is_a_body(seed):
+    """Hands pass neither through the trunk nor the face nor each other, and nothing jumps, in any style."""
+    positions = perform(who=speakers.sample_style(np.random.default_rng(seed)), seed=seed).positions.astype(float)
+    joint = {name: positions[:, SKELETON.joint(name)] for name in SKELETON.joints}
+    joints = positions[:, skeletons.hand_joints(SKELETON)]
+    head = (joint["left_ear"] + joint["right_ear"]) / 2
+    assert np.linalg.norm(joints - head[:, None], axis=-1).min() > 0.11
+    along = np.clip(joints[..., 1] / joint["neck"][:, None, 1], 0, 1)
+    offset = joints - along[..., None] * joint["neck"][:, None]
+    inside = (offset[..., 0] / 0.15) ** 2 + (offset[..., 2] / 0.09) ** 2 < 1
+    assert not (inside & (joints[..., 1] > joint["neck"][:, None, 1]) & (joints[..., 1] < 0.2)).any()
+    assert np.linalg.norm(joint["left_wrist"] - joint["right_wrist"], axis=-1).min() > 0.06
+    assert np.linalg.norm(np.diff(positions, axis=0), axis=-1).max() * 15 < 9
+
+
+def test_hands_have_the_space_of_a_person():
+    """Both hands move most of the time, far to the sides, and takes of one style are in different places."""
+    audio = speech(syllables=np.arange(0.5, 9.5, 0.3))
+    takes = [perform(audio, (), seed=seed).positions for seed in range(4)]
+    body = hands.upper_body(SKELETON, np.concatenate(takes), 15.0)
+    assert hands.slower_wrist(body) > 0.25
+    assert hands.both_moving(body) > 0.5
+    assert hands.lateral_spread(body) > 9
+    assert 55 < hands.hand_distances(body).mean() < 85
+    assert 3 < hands.head_deviation(body) < 8
+    wrists = np.stack(takes)[:, :, [SKELETON.joint("left_wrist"), SKELETON.joint("right_wrist")]]
+    assert np.linalg.norm(wrists[0] - wrists[1:], axis=-1).mean() > 0.1
+
+
+def test_speech_of_varied_loudness_moves_more():
+    syllables = np.arange(0.5, 9.5, 0.3)
+    peaks = np.random.default_rng(0).choice([0.15, 1.0], len(syllables))
+    varied = speech(syllables=syllables) * np.interp(np.arange(SECONDS * 16000) / 16000, syllables, peaks)
+    takes = [
+        [perform(audio.astype(np.float32), (), seed=seed).positions for seed in range(4)]
+        for audio in (speech(syllables=syllables), varied)
+    ]
+    flat, lively = (hands.upper_body(SKELETON, np.concatenate(each), 15.0) for each in takes)
+    assert hands.slower_wrist(lively) > 1.1 * hands.slower_wrist(flat)
+
+
+@pytest.mark.parametrize("curl", [-1, 1])
+def test_relaxed_fingers_are_side_by_side(curl):
+    unit = directions(perform(words=(), who=speakers.Style(curl=curl)))
+    index, little = (unit[:, SKELETON.bone(f"left_{name}_2")] for name in ("index", "pinky"))
+    spread = np.rad2deg(np.arccos(np.sum(index * little, axis=-1)))
+    assert 8 < spread.mean() < 20
 
 
 def test_louder_syllables_make_larger_beats():
