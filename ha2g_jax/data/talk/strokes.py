@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from scipy import ndimage, signal
 
 from ha2g_jax.data.talk import lexicon
@@ -148,7 +149,7 @@ def liveliness(cues: Cues, moments: np.ndarray) -> np.ndarray:
     return np.clip(spreads[0] ** 1.2 * spreads[1] ** 0.25, 0.6, 1.6)
 
 
-def track(times: np.ndarray, keys: Sequence[tuple[float, Sequence[float] | float]]) -> np.ndarray:
+def track(times: np.ndarray, keys: Sequence[tuple[float, npt.ArrayLike]]) -> np.ndarray:
     """Interpolate key poses by minimum-jerk movement, x = a + (b - a)(10 u^3 - 15 u^4 + 6 u^5).
 
     The keys are (time, value) pairs in order of time, whose values are numbers or (D,) vectors. The result at times

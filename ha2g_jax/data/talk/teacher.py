@@ -2,12 +2,14 @@
 
 | cause | level of speech | drives |
 |---|---|---|
-| loud syllables | low | beats of the arms, whose pitch chooses the hand; loudness also lifts the arms |
+| loud syllables | low | beats of the hands |
+| phrases | low | stances (`stances`), and rest where nobody speaks |
 | pitch and pauses | middle | head, shoulders, spine |
 | class of a word | high | hand shape and the path of the arm |
 
-The speaker's style changes size, timing and side of all of it. Fingers never follow the sound and
-beats never follow the words, so that each association can be scored by itself.
+The speaker's style changes size, timing and side of all of it. Fingers never follow the sound and beats never follow
+the words, so that each association can be scored by itself. Moments follow from the speech; stances, and the hands,
+directions and part of the sizes of beats, are drawn.
 """
 
 from collections.abc import Sequence
@@ -55,7 +57,8 @@ def perform(
 ) -> Movement:
     """Make gestures to speech (samples,) at 16 kHz and its words, round(seconds * fps) frames of them.
 
-    The generator is that of the random part of the movement: idle sway and a few milliseconds of latency.
+    The generator draws what does not follow from the speech: stances, the hands and directions of beats, sway. Audio of
+    zeros is rest.
     """
     skeleton = skeletons.load_skeleton(SKELETON)
     num_frames = round(len(audio) / strokes.SAMPLE_RATE * fps)
