@@ -1,6 +1,6 @@
 """What the parts of a trained HA2G compute: blend of the audio levels, words beside the audio, poses of each stage.
 
-All functions take a model of HA2G with the networks of the paper.
+All functions take a model of HA2G or energy_ha2g with the networks of the paper.
 """
 
 import functools
@@ -17,7 +17,7 @@ from ha2g_jax.features.text import Word, words_to_frames
 from ha2g_jax.methods.ha2g.model import HA2G
 from ha2g_jax.methods.method import Spec, Variables, restore, subtract_mean
 from ha2g_jax.synthesis import Model, encode_features
-from ha2g_jax.synthesis.scan import encode_windows
+from ha2g_jax.synthesis.scan import encode_windows, noise_of
 
 _MIN_NORM = 1e-8
 
@@ -68,13 +68,14 @@ def word_similarities(model: Model, audio: np.ndarray, words: Sequence[Word]) ->
 
 
 def stage_poses(
-    model: Model, audio: np.ndarray, style: np.ndarray, seed_pose: np.ndarray, *, window: int = 0
+    model: Model, audio: np.ndarray, style: np.ndarray, seed_pose: np.ndarray, *, window: int = 0, seed: int = 0
 ) -> np.ndarray:
     """Return the poses of every stage of the pose inferer for one window of a clip (Eq. 4).
 
     Args:
         seed_pose: (M, bones, 3) unit vectors, the poses before the window.
         window: number of the window, which begins at frame `window` x (N - M).
+        seed: seed of the noise of a model that samples.
 
     Returns:
         (H, N, bones, 3) unit vectors; bones that a level does not have yet are those of the mean pose.
@@ -86,7 +87,9 @@ def stage_poses(
     speech = prepare(np.asarray(audio, np.float32), (), spec.inputs)
     features = encode_windows(spec, model.variables, speech, model.assets.vocabulary, window + 1)
     own = jax.tree.map(lambda windows: windows[window:][:1], features)
-    poses = _infer(spec, model.variables, own, np.asarray(style, np.float32), np.asarray(seed_pose, np.float32))
+    noise = noise_of(spec, seed, np.asarray(window * (spec.num_frames - spec.num_seed_frames)))
+    style, seed_pose = np.asarray(style, np.float32), np.asarray(seed_pose, np.float32)
+    poses = _infer(spec, model.variables, own, style, seed_pose, noise)
     stages = np.zeros((len(poses), spec.num_frames, spec.skeleton.pose_dim), np.float32)
     for stage, channels, found in zip(stages, generator.level_channels, poses, strict=True):
         stage[:, list(channels)] = found
@@ -115,8 +118,10 @@ def _encode_text(spec: Spec, variables: Variables, frames: jax.Array) -> jax.Arr
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def _infer(spec: Spec, variables: Variables, features: Any, style: jax.Array, seed_pose: jax.Array) -> list[jax.Array]:
+def _infer(
+    spec: Spec, variables: Variables, features: Any, style: jax.Array, seed_pose: jax.Array, noise: jax.Array
+) -> list[jax.Array]:
     """Return the flat poses (N, d^h) of each stage."""
     seed = subtract_mean(spec, seed_pose)[None]
-    levels = spec.generator.apply(variables, features, style[None], seed, train=False, method="infer")
+    levels = spec.generator.apply(variables, features, style[None], seed, noise[None], train=False, method="infer")
     return [poses[0] for poses in levels]

@@ -15,12 +15,14 @@ def speech():
     return np.random.default_rng(1).normal(0, 0.1, 4 * 16000).astype(np.float32)
 
 
-def test_last_stage_is_the_generated_window(debug_model, speech):
-    spec, style = debug_model.spec, debug_model.assets.speakers["ada"]
-    seed_pose = debug_model.assets.seed_poses[0]
-    windows = debug_model.sample_windows(speech, (), style, seed_pose, 0)
+@pytest.mark.parametrize("kind", ["debug_model", "sampling_model"])
+def test_last_stage_is_the_generated_window(kind, speech, request):
+    model = request.getfixturevalue(kind)
+    spec, style = model.spec, model.assets.speakers["ada"]
+    seed_pose = model.assets.seed_poses[0]
+    windows = model.sample_windows(speech, (), style, seed_pose, 3)
     for window, start in enumerate([seed_pose, windows[0, -spec.num_seed_frames :]]):
-        stages = inspection.stage_poses(debug_model, speech, style, start, window=window)
+        stages = inspection.stage_poses(model, speech, style, start, window=window, seed=3)
         assert stages.shape == (6, spec.num_frames, 42, 3)
         np.testing.assert_allclose(stages[-1], windows[window], atol=1e-5)
 
