@@ -168,8 +168,8 @@ def initial_variables(source: str, spec: Spec, vocabulary: Vocabulary) -> dict[s
     model = model_folder.load(source)
     if model.spec.method != spec.method:
         raise UserError(
-            f"{source} is a model of {model.spec.method}, but the config of {spec.method}: name a preset of the method, "
-            f"as in --config {model.spec.method}:bvh:medium"
+            f"{source} is a model of {model.spec.method}, but the config of {spec.method}: name a preset of its "
+            f"method, as --config {model.spec.method}:bvh:medium"
         )
     if model.spec.skeleton.bones != spec.skeleton.bones:
         raise UserError(f"{source} has skeleton {model.spec.skeleton.name}, but the config has {spec.skeleton.name}")
