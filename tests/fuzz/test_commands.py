@@ -179,7 +179,7 @@ def test_a_full_disk_leaves_no_part_of_a_model_or_a_run(tmp_path):
     lines = done.stdout.splitlines()
     assert len(lines) == 5 and all("ile too large" in line for line in lines), lines
     assert sorted(path.name for path in tmp_path.iterdir()) == ["config.json", "metrics.jsonl"]
-    assert json.loads((tmp_path / "config.json").read_text())["method"] == "ha2g"
+    assert json.loads((tmp_path / "config.json").read_text())["skeleton"] == "ted_expressive"
     assert [line["step"] for line in read_metrics(tmp_path / "metrics.jsonl")][:100] == list(range(100))
 
 
