@@ -165,7 +165,7 @@ OF_METHOD: dict[str, tuple[Setting, ...]] = {
     ),
     "energy_ha2g": (  # the networks of HA2G with noise, see `methods.energy_ha2g`
         _PAPER,
-        Setting("model.inferer.noise_dim", 16, whole(1, MAX_CHANNELS), "channels of the noise"),
+        Setting("model.inferer.noise_dim", 32, whole(1, MAX_CHANNELS), "channels of the noise"),
         *_losses(
             "energy_ha2g",
             {"energy": 100.0, "velocity": 400.0, "kld": 0.1, "contrastive": 0.1},
