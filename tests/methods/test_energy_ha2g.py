@@ -58,8 +58,8 @@ def test_a_network_that_is_trained_by_it_makes_both_motions():
         noise = jax.random.normal(noise_key, (2, 128, 4))
         is_right = jax.random.bernoulli(side_key, shape=(128,))[:, None, None]
         targets = jnp.where(is_right, motions([1.0]), motions([-1.0]))
-        samples = [[generate(params, half)] for half in noise]
-        return energy_score(trajectories, *samples, [targets]) + energy_score(velocities, *samples, [targets])
+        one, other = ([generate(params, half)] for half in noise)
+        return energy_score(trajectories, one, other, [targets]) + energy_score(velocities, one, other, [targets])
 
     optimizer = optax.adam(3e-3)
 

@@ -15,15 +15,14 @@ FPS, TEN_MINUTES = 15, np.arange(9000)
 def test_hands_and_head_move_a_little_and_slowly(name):
     skeleton = load_skeleton(name)
     pose = rest_pose(skeleton)
-    for seed in range(3):
-        directions = idle(skeleton, pose, seed, TEN_MINUTES, FPS)
+    for directions in (idle(skeleton, pose, seed, TEN_MINUTES, FPS) for seed in range(3)):
         np.testing.assert_allclose(np.linalg.norm(directions, axis=-1), 1, atol=1e-6)
         wrists = wrist_positions(skeleton, directions)
         assert np.linalg.norm(np.diff(wrists, axis=0), axis=-1).max() * FPS < 0.04
         assert 0.005 < np.linalg.norm(wrists.std(axis=0), axis=-1).min() < 0.02
         assert np.linalg.norm(wrists - wrist_positions(skeleton, pose[None]), axis=-1).max() < 0.05
-    heads = directions[:, skeleton.bone("nose")]
-    assert 0.5 < np.rad2deg(np.linalg.norm(heads.std(axis=0))) < 4
+        heads = directions[:, skeleton.bone("nose")]
+        assert 0.5 < np.rad2deg(np.linalg.norm(heads.std(axis=0))) < 4
 
 
 def test_shoulders_breathe_about_fifteen_times_a_minute():
