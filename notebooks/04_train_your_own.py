@@ -127,9 +127,9 @@ axis.legend()
 plt.show()
 
 # %% [markdown]
-# The new model already rises and falls with the true motion; it shakes, and does not reach as far. The demo meets
-# most of the strokes. Below, the true hand shows the shape of a word at 1.3 s and at 6.7 s. The new model keeps the
-# fingers near the mean pose: shapes of the hand follow from words, and it has learnt none of them.
+# The new model rises and falls around the mean of the true motion; it shakes, and does not reach as far. The demo
+# reaches as far, in a take of its own: where the hands of a phrase are does not follow from the speech. Neither shows
+# the hand shapes of words, which take longer to learn.
 
 # %%
 frames = np.array([20, 60, 100, 120])
