@@ -61,7 +61,7 @@ def test_a_moment_has_the_same_noise_each_time_it_is_sampled(sampling_model, has
     del seen[:]  # those of the pose at rest
     live.feed(speech(2))
     assert len(seen) > 8 and seen[0].shape == (34, 32)
-    whole = track(5, np.arange(-first, 100), FPS, 16)
+    whole = track(5, np.arange(-first, 100), FPS, 32)
     for run, noise in enumerate(seen):
         np.testing.assert_array_equal(noise, whole[2 * run : 2 * run + 34])
 
