@@ -53,7 +53,7 @@ _GAP = 0.04  # most seconds between two words of speech without pauses
 _TURN = 0.6  # probability that the other one of two people goes on after a sentence
 _CLIPS_PER_RECORDING = 2
 # Of a core of a server of 2023, and of the disk, for one minute of speech.
-_SECONDS_PER_MINUTE, _MEGABYTES_PER_MINUTE = 2.1, 1.7
+_SECONDS_PER_MINUTE, _MEGABYTES_PER_MINUTE = 0.6, 1.4
 # Fractions of the recordings.
 _UNSEEN_RECORDINGS, _TEST_RECORDINGS, _VAL_RECORDINGS = 1 / 11, 1 / 11, 1 / 17
 
@@ -63,7 +63,7 @@ _VARIED = ("train", "val")  # splits that have those kinds, other languages, and
 
 _REFERENCE_FRAMES = 7  # the largest M of Table 11
 _PEAK_DB = (-0.3, -40.0)  # of speech, relative to full scale; four of five are above -20
-_NOISE_DB = (-72.0, -47.0)  # power of the noise of the room, relative to the peak of the speech
+_NOISE_DB = (-72.0, -47.0)  # power of the background noise, relative to the peak of the speech
 _BACKGROUND, _BACKGROUND_DB = 0.25, (-30.0, -5.0)  # probability of louder noise or of music, relative to the speech
 _REST_DB = (-10.0, -90.0)  # level of noise and music alone, relative to full scale
 _PARTS, _PART_SECONDS, _PART_DB, _SILENT = 3, (4.0, 9.0), (-20.0, 0.0), 0.15  # of rest; probability of silence
@@ -227,7 +227,7 @@ def _make_clips(plan: _RecordingPlan, fps: int) -> list[bytes]:
     sentences, voices = grammar.sentences(speech_rng, language), [plan.speaker.voice]
     if plan.kind == "two people":
         voices.append(sample_voice(speech_rng, language))
-    room_db = noise_rng.uniform(*_NOISE_DB)
+    noise_db = noise_rng.uniform(*_NOISE_DB)
     clips: list[bytes] = []
     time = 0.0
     for index in range(plan.num_clips):
@@ -236,7 +236,7 @@ def _make_clips(plan: _RecordingPlan, fps: int) -> list[bytes]:
             heard = np.zeros_like(audio)
         else:
             speech, words = _speak(sentences, voices, plan, speech_rng)
-            audio, heard = _mix(speech, room_db, plan.split in _VARIED, noise_rng)
+            audio, heard = _mix(speech, noise_db, plan.split in _VARIED, noise_rng)
         positions, strokes = teacher.perform(heard, words, style, motion_rng, fps)
         clip = records.Clip(
             id=f"{plan.name}-{index}",
@@ -308,13 +308,13 @@ def _without_gaps(utterance: Utterance) -> Utterance:
 
 
 def _mix(
-    speech: np.ndarray, room_db: float, is_varied: bool, rng: np.random.Generator
+    speech: np.ndarray, noise_db: float, is_varied: bool, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return speech with the noise of a room and perhaps louder sounds, and the part of it without those sounds.
+    """Return speech with background noise and perhaps louder sounds, and the same without those sounds.
 
     Both are as they will be stored, so that the teacher, who hears the latter, gets the samples that the model gets.
     """
-    heard = speech + 10 ** (room_db / 20) * backgrounds.coloured_noise(len(speech), 1.0, rng)
+    heard = speech + 10 ** (noise_db / 20) * backgrounds.coloured_noise(len(speech), 1.0, rng)
     audio = heard
     if is_varied and rng.random() < _BACKGROUND:
         power = np.mean(np.square(speech, dtype=np.float64)[speech != 0])
