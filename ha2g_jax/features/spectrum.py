@@ -69,12 +69,14 @@ def log_mel(audio: np.ndarray, reference: float | None = None) -> np.ndarray:
     For a clip of ordinary loudness this is `librosa.power_to_db(melspectrogram(...), ref=np.max)` between the first and
     the last column, which are silence. Unlike that of librosa, the floor is relative to the clip (D11), so that the
     result does not depend on the volume. `reference` is the mel power of 0 dB, by default the maximum of the clip, and
-    at least `LEAST_POWER`, so that silence is at the floor and quieter sound sinks in dB as its level does.
+    at least `LEAST_POWER`, so that quieter sound sinks in dB as its level does. A clip that is nowhere within 30 dB of
+    0 dB is silence, as in a stream.
     """
     power = np.zeros((NUM_MELS, 1 + len(audio) // HOP_LENGTH), np.float32)
     if len(audio) >= FFT_SIZE:
         power[:, 1:-1] = mel_power(np.asarray(audio, np.float32))
-    return decibels(power, float(np.max(power)) if reference is None else reference)
+    mel = decibels(power, float(np.max(power)) if reference is None else reference)
+    return mel if mel.max() > _SOUND_DB else np.full_like(mel, FLOOR_DB)
 
 
 def mel_power(audio: np.ndarray) -> np.ndarray:

@@ -3,7 +3,7 @@
 import librosa
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from ha2g_jax.data.speech import prepare
@@ -79,11 +79,12 @@ def test_mel_is_librosas_between_silent_borders():
 
 @settings(max_examples=30, deadline=None)
 @given(st.floats(-120, 0))
-def test_a_quiet_clip_is_as_loud_as_a_loud_one_and_a_faint_one_sinks_as_its_level_does(gain_db):
+def test_a_quiet_clip_is_as_loud_as_a_loud_one_and_a_faint_one_sinks_until_it_is_silence(gain_db):
     """What speech with a peak below -44 dBFS, or noise below -42 dBFS, lacks is what the spectrogram lacks."""
     samples = noise(16000)
-    loudest_db = 10 * np.log10(mel_power(samples).max() / LEAST_POWER)
-    expected = np.maximum(log_mel(samples) + min(loudest_db + gain_db, 0), -80)
+    highest_db = min(10 * np.log10(mel_power(samples).max() / LEAST_POWER) + gain_db, 0)
+    assume(abs(highest_db + 30) > 0.01)
+    expected = np.maximum(log_mel(samples) + highest_db, -80) if highest_db > -30 else np.full((128, 32), -80)
     np.testing.assert_allclose(log_mel(np.float32(10 ** (gain_db / 20)) * samples), expected, atol=1e-2)
     assert (log_mel(np.zeros(16000, np.float32)) == -80).all()
 
@@ -91,7 +92,7 @@ def test_a_quiet_clip_is_as_loud_as_a_loud_one_and_a_faint_one_sinks_as_its_leve
 def test_speech_of_any_ordinary_level_has_0_db_and_faint_noise_does_not():
     for peak in (0.01, 0.1, 1):
         assert log_mel(_speech(2, peak)).max() == 0
-    for level_db, loudest in ((-60, -15), (-75, -30), (-90, -45)):
+    for level_db, loudest in ((-60, -15), (-75, -79), (-90, -79)):
         noise = np.random.default_rng(1).normal(0, 10 ** (level_db / 20), 160000).astype(np.float32)
         assert log_mel(noise).max() < loudest
 

@@ -8,6 +8,7 @@ export const FFT_SIZE = 1024;
 export const HOP_LENGTH = 512;
 export const NUM_MELS = 128;
 export const FLOOR_DB = -80;
+export const SOUND_DB = -30; // a column whose loudest band is louder is sound
 
 /** The loudest mel power of speech with a peak of about 0.2, and the least mel power of 0 dB. */
 export const TYPICAL_POWER = 15;
@@ -42,6 +43,8 @@ export function melPower(samples: Float32Array, start: number, mel: Float32Array
 /**
  * Computes the log-mel spectrogram of a clip in dB relative to its maximum, or to `LEAST_POWER` if that is greater.
  *
+ * A clip that is nowhere within 30 dB of 0 dB is silence.
+ *
  * @param samples - (samples,) at 16 kHz, at least 1 sample.
  * @returns (1 + floor(samples / 512), 128) in [-80, 0], one column of the spectrogram after the other.
  */
@@ -52,6 +55,7 @@ export function logMel(samples: Float32Array): Float32Array {
     melPower(samples, (column - 1) * HOP_LENGTH, powers.subarray(column * NUM_MELS, (column + 1) * NUM_MELS));
   }
   const loudest = powers.reduce((most, value) => Math.max(most, value), 0);
+  if (decibels(loudest, loudest) <= SOUND_DB) return powers.fill(FLOOR_DB);
   return powers.map((value) => decibels(value, loudest));
 }
 

@@ -7,11 +7,10 @@
  */
 
 import { toFloat16 } from "../rounding.js";
-import { decibels, HOP_LENGTH, melPower, NUM_MELS, SAMPLE_RATE, TYPICAL_POWER } from "./mel.js";
+import { decibels, HOP_LENGTH, melPower, NUM_MELS, SAMPLE_RATE, SOUND_DB, TYPICAL_POWER } from "./mel.js";
 
 // 0 dB falls slowly while there is sound; it does not fall in pauses.
 const FALL = 10 ** ((-0.2 / 10) * (HOP_LENGTH / SAMPLE_RATE)); // by 0.2 dB in a second of sound
-const SOUND_DB = -30; // a column whose loudest band is louder is sound
 
 /** The last columns of the spectrogram of speech that goes on. */
 export class RunningMel {
