@@ -36,12 +36,15 @@ def track(seed: Any, frames: Any, fps: float, dim: int, *, numpy: Any = np) -> A
     seed = numpy.asarray(seed, numpy.uint32)[..., None, None]
     points = before.astype(numpy.int32).astype(numpy.uint32)
     channels = channels.astype(numpy.uint32)
-    values = [_normal(seed, points + numpy.uint32(step), channels, numpy) for step in (0, 1)]
+    values = [normal(seed, points + numpy.uint32(step), channels, numpy) for step in (0, 1)]
     return (values[0] * numpy.cos(angle) + values[1] * numpy.sin(angle)).astype(numpy.float32)
 
 
-def _normal(seed: Any, points: Any, channels: Any, numpy: Any) -> Any:
-    """Return the normal values of points of the lattice, from two hashes of each (Box and Muller 1958)."""
+def normal(seed: Any, points: Any, channels: Any, numpy: Any = np) -> Any:
+    """Return the normal values of points of the lattice, from two hashes of each (Box and Muller 1958).
+
+    Seed, points and channels are uint32 arrays whose shapes broadcast.
+    """
     mixed = _mix(_mix(seed, numpy) + points, numpy)
     first, second = (
         (_mix(mixed + numpy.uint32(2) * channels + numpy.uint32(half), numpy) + 0.5) / 2.0**32 for half in (0, 1)

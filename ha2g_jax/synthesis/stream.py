@@ -8,16 +8,18 @@ samples so far and not on how they were cut into pieces.
 
 Small errors of windows that begin every few frames add up in a pause, so that a stream rests by rule: where no sound is
 near, its frames ease to the pose in which the model rests in a silent file, which breathes and sways a little, and the
-generator is not run.
+generator is not run. What a state adds to such frames, as shifts, a nod or a raised hand, is added to the frames that
+are returned, not to those that the generator continues; so it does not change the motion of speech.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.features.phrases import Phrases
 from ha2g_jax.features.spectrum import (
     FLOOR_DB,
     NUM_MELS,
@@ -32,6 +34,7 @@ from ha2g_jax.motion.control.effects import EASE, Ramp, RunningControls, check_r
 from ha2g_jax.motion.idle import idle
 from ha2g_jax.motion.resample import num_frames, slerp
 from ha2g_jax.motion.rotations import unit
+from ha2g_jax.motion.states import ATTENTION, RunningStates, nod_depths
 from ha2g_jax.motion.windows import DEFAULT_HOP, DEFAULT_LOOK_AHEAD, RunningJoin
 from ha2g_jax.skeleton import Skeleton
 from ha2g_jax.synthesis.scan import generate_window, noise_of
@@ -40,6 +43,15 @@ from ha2g_jax.synthesis.style import RANDOM, Style, choose_style
 _MAX_SKIP_SECONDS = 3600.0
 _PAUSE_SECONDS = 0.3  # after the last sound, and before the hands begin to rest
 _REST_WINDOWS = 3  # of silence until a model is at rest
+
+
+class _Frame(NamedTuple):
+    """A frame before its controls, what its time has of the agent's speech, and what it owes to the other."""
+
+    pose: np.ndarray
+    weight: float
+    is_addressed: bool = False
+    nod: float = 0.0
 
 
 class Stream:
@@ -86,6 +98,8 @@ class Stream:
         self._rest_ramp = Ramp(self._rest_pose.ravel(), self.fps)
         self._weight_ramp: Ramp | None = None  # of the motion, from rest; begins at the first frame
         self._running_controls = RunningControls(self.skeleton, self.fps, controls)
+        self._states = RunningStates(self.skeleton, self.fps, seed)
+        self._phrases: Phrases | None = None  # of the other; begin with the first samples of the other
         first = spec.num_seed_frames
         if not has_hidden_ends:  # the window ends where the speech that is heard ends
             first = min(max(first, spec.num_frames - look_ahead - hop + 1), spec.num_frames - hop)
@@ -96,7 +110,7 @@ class Stream:
         pose = self._start_pose
         self._past = np.concatenate([pose[:1]] * max(first - len(pose), 0) + [pose])
         self._num_samples = self._num_runs = self._num_returned = 0
-        self._held = np.zeros((0, spec.skeleton.num_bones, 3), np.float32)
+        self._held: list[_Frame] = []
         self._is_ended = False
 
     @property
@@ -146,12 +160,29 @@ class Stream:
         self._style = style
         self._rest_pose = self._find_rest()
 
-    def feed(self, samples: np.ndarray) -> np.ndarray:
+    @property
+    def state(self) -> str:
+        """What the body does where the agent does not speak; a new value takes effect with the next frames.
+
+        "idle", "listen" or "think"; or "auto", which listens while the other's voice is near and idles otherwise.
+        "think" becomes "auto" with the next speech. Transitions take 0.4 s.
+
+        Raises:
+            UserError: the state is none of these.
+        """
+        return self._states.state
+
+    @state.setter
+    def state(self, state: str) -> None:
+        self._states.state = state
+
+    def feed(self, samples: np.ndarray, other: np.ndarray | None = None) -> np.ndarray:
         """Take the next samples, and return the frames that became final.
 
         Args:
             samples: (samples,) float mono samples at 16 kHz, any number of them, within -1 and 1. Those that are NaN or
                 infinite are taken as silence, those beyond -1 and 1 are clipped.
+            other: (samples,) of the person who is spoken with, at the same times; None for silence.
 
         Returns:
             (n, bones, 3) float32 unit vectors, the frames after those that were returned before; n may be 0.
@@ -161,13 +192,20 @@ class Stream:
                 finite.
         """
         samples = self._checked(samples)
-        frames = [self._held]
+        if other is not None:
+            other = self._checked(other)
+            if len(other) != len(samples):
+                raise UserError(f"{len(other)} samples of the other; expected {len(samples)}, as many as of the agent")
+            self._phrases = self._phrases or Phrases(self._num_samples)
+        elif self._phrases:
+            other = np.zeros_like(samples)
+        frames = [*self._held]
         start = 0
         while (end := start + self._needed() - self._num_samples) <= len(samples):
-            self._hear(samples[start:end])
-            frames.append(self._run()[: self.hop])
+            self._hear(samples[start:end], None if other is None else other[start:end])
+            frames += self._run()[: self.hop]
             start = end
-        self._hear(samples[start:])
+        self._hear(samples[start:], None if other is None else other[start:])
         # A motion of the speech so far has this many frames; later ones wait, as the speech may end here.
         return self._return(frames, round(self._num_samples / SAMPLE_RATE * self.fps))
 
@@ -198,16 +236,16 @@ class Stream:
         self._check_open()
         self._is_ended = True
         count = num_frames(self._num_samples / SAMPLE_RATE, self.fps)
-        frames = [self._held]
+        frames = [*self._held]
         while (missing := count - self._num_runs * self.hop) > 0:
             shown = self._run()
             if missing <= len(shown):  # the rest is in this window
-                frames.append(shown[:missing])
+                frames += shown[:missing]
                 break
-            frames.append(shown[: self.hop])
+            frames += shown[: self.hop]
         return self._return(frames, count)
 
-    def _run(self) -> np.ndarray:
+    def _run(self) -> list[_Frame]:
         """Generate the next window, and return the frames from its first new one on."""
         style = np.asarray(self._style_ramp.step(self._f_id, self.hop), np.float32)
         pose = unit(self._rest_ramp.step(self._rest_pose.ravel(), self.hop).reshape(self._rest_pose.shape))
@@ -227,8 +265,16 @@ class Stream:
             self._past = np.concatenate([self._past, new])[-self._join.first :]
         else:
             self._past = new[self.hop :]
+        rest, weights = rest[self._join.first :], weights[self._join.first :]
+        shown = self._rested(self._join.add(window), rest, weights)
+        frames = self._num_runs * self.hop + np.arange(len(shown))
         self._num_runs += 1
-        return self._rested(self._join.add(window), rest[self._join.first :], weights[self._join.first :])
+        if self._phrases is None:
+            return [_Frame(pose, weight) for pose, weight in zip(shown, weights.tolist(), strict=True)]
+        spans = frames[:, None] / self.fps + np.array([-ATTENTION, EASE])
+        is_addressed = [self._phrases.has_voice(*span) for span in spans.tolist()]
+        nods = nod_depths(self._phrases.ends, frames, self.fps).tolist()
+        return [_Frame(*frame) for frame in zip(shown, weights.tolist(), is_addressed, nods, strict=True)]
 
     @staticmethod
     def _rested(motion: np.ndarray, rest: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -279,17 +325,24 @@ class Stream:
         """Return the number of samples that the next run hears."""
         return self._heard() * SAMPLE_RATE // self.fps
 
-    def _hear(self, samples: np.ndarray) -> None:
+    def _hear(self, samples: np.ndarray, other: np.ndarray | None) -> None:
         self._mel.add(samples)
         self._num_samples += len(samples)
+        if self._phrases and other is not None:
+            self._phrases.add(other)
 
-    def _return(self, frames: list[np.ndarray], count: int) -> np.ndarray:
-        """Return the frames before frame `count` of the motion, with their controls, and hold the others."""
-        joined = np.concatenate(frames)
+    def _return(self, frames: list[_Frame], count: int) -> np.ndarray:
+        """Return the frames before frame `count` of the motion, with controls and state, and hold the others."""
         final = max(count - self._num_returned, 0)
-        self._held = joined[final:]
-        returned = self._running_controls.apply(joined[:final], self._controls, is_muted=self.muted)
-        self._num_returned += len(returned)
+        self._held = frames[final:]
+        returned = np.zeros((len(frames[:final]), self.spec.skeleton.num_bones, 3), np.float32)
+        for place, frame in enumerate(frames[:final]):
+            pose = self._running_controls.apply(frame.pose[None], self._controls, is_muted=self.muted)[0]
+            arms, number = self._running_controls.arms, self._num_returned
+            returned[place] = self._states.apply(
+                pose, number, frame.weight, frame.nod, is_addressed=frame.is_addressed, arms=arms
+            )
+            self._num_returned += 1
         return returned
 
     def _checked(self, samples: np.ndarray) -> np.ndarray:

@@ -123,21 +123,21 @@ def motion_weight(span: Pin | Span, others: Sequence[Pin | Span], frames: int, f
 
 
 class Ramp:
-    """Values that go to new ones within half a second, along a minimum-jerk curve."""
+    """Values (n,), `values`, that go to new ones within half a second, along a minimum-jerk curve."""
 
     def __init__(self, values: np.ndarray, fps: float):
-        self._target = self._start = self._values = np.asarray(values, np.float64)
+        self._target = self._start = self.values = np.asarray(values, np.float64)
         self._frames = math.ceil(EASE * fps)
         self._frame = 0
 
     def step(self, target: np.ndarray, frames: int = 1) -> np.ndarray:
         """Return the values (n,) some frames later; the way to a new target begins at the present values."""
         if not np.array_equal(target, self._target):
-            self._target, self._start, self._frame = np.asarray(target, np.float64), self._values, 0
+            self._target, self._start, self._frame = np.asarray(target, np.float64), self.values, 0
         self._frame = min(self._frame + frames, self._frames)
         weight = minimum_jerk(np.asarray(self._frame / self._frames))
-        self._values = self._start + weight * (self._target - self._start)
-        return self._values
+        self.values = self._start + weight * (self._target - self._start)
+        return self.values
 
 
 def check_running(controls: Controls, skeleton: Skeleton) -> None:
@@ -174,6 +174,11 @@ class RunningControls:
         target = _amounts(controls, is_muted)
         frames = [self._frame(np.asarray(frame, np.float32)[None], self._ramp.step(target)) for frame in directions]
         return np.concatenate([np.zeros((0, *directions.shape[1:]), np.float32), *frames])
+
+    @property
+    def arms(self) -> np.ndarray:
+        """Weights (2,) of the motion of the left and of the right arm in the last frame, 0 for one that rests."""
+        return self._ramp.values[-2:]
 
     def _frame(self, frame: np.ndarray, amounts: np.ndarray) -> np.ndarray:
         scale, reach, mirrored, *arms = amounts.tolist()
