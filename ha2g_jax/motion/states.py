@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ha2g_jax.errors import UserError
+from ha2g_jax.features import noise
 from ha2g_jax.motion.control.parts import HEAD, SIDES, TRUNK, arm_parts, bones_of, parts, rest_pose
 from ha2g_jax.motion.idle import shifts
 from ha2g_jax.motion.resample import slerp
@@ -35,6 +36,7 @@ POSTURES = {
     "listen": np.array([0.3, 1, 1, 1, 0, 0, 0, 0]),
     "think": np.array([0.3, 0, 0, 0, 1, 1, 1, 1]),
 }
+_FIRST_CHANNEL = np.uint32(2048)  # of the noise that thoughts are drawn from
 _UP = np.array([0.0, -1.0, 0.0])
 _LEAN_DEGREES = 5.0
 _GAZE_DEGREES = (22.0, 38.0), (-12.0, 8.0)  # ranges of the gaze of who thinks: to a side, and down
@@ -112,7 +114,8 @@ class RunningStates:
 
     def _think(self) -> np.ndarray:
         """Return the amounts of the next thought, whose gaze and arm are drawn."""
-        draws = np.random.default_rng([self._seed, self._num_thoughts]).random(4)
+        seed, number = (np.array([value], np.uint32) for value in (self._seed, self._num_thoughts))
+        draws = noise.normal(seed, number, _FIRST_CHANNEL + np.arange(4, dtype=np.uint32)) * 16 % 1
         self._num_thoughts += 1
         side = 1 if draws[0] < 0.5 else -1
         aside, down = (low + draw * (high - low) for (low, high), draw in zip(_GAZE_DEGREES, draws[1:], strict=False))
