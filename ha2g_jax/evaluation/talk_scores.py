@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from ha2g_jax import metrics
+from ha2g_jax import anatomy, metrics
 from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.data.records import Clip
-from ha2g_jax.data.talk import anatomy, lexicon
+from ha2g_jax.data.talk import lexicon
 from ha2g_jax.data.talk.speakers import Style
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation import talk_takes
@@ -39,8 +39,8 @@ WORDLESS, MISMATCHED, MAJORITY, SHUFFLED = "model, no words", "mismatched speech
 CLAIMED = ("beat_f1_gain", "finger_correlation")  # metrics of claims, which are measured without each speaker, too
 MISMATCHES = 5  # motions for other clips that make the floor of a clip
 
-CLASSES = tuple(lexicon.HAND_SHAPES)
-_SHAPES = np.array(list(lexicon.HAND_SHAPES.values()))
+CLASSES = tuple(anatomy.HAND_SHAPES)
+_SHAPES = np.array(list(anatomy.HAND_SHAPES.values()))
 _HANDS = {"left": [0], "right": [1], "both": [0, 1]}
 _STYLE = [Style._fields.index(name) for name in ("amplitude", "handedness")]
 _MAX_PROBE_CLIPS = 400

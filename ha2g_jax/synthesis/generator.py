@@ -17,6 +17,7 @@ from ha2g_jax.features.text import Word
 from ha2g_jax.files.reading import shown
 from ha2g_jax.limits import MAX_FPS, MIN_FPS
 from ha2g_jax.motion import control
+from ha2g_jax.motion import cues as gestures
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.resample import num_frames, resample, sample, slerp
 from ha2g_jax.motion.smoothing import check_width, smooth
@@ -135,6 +136,7 @@ class Options(TypedDict, total=False):
     fps: float | None
     smoothing: float
     controls: control.Controls
+    cues: Sequence[gestures.Cue]
 
 
 class Generator(abc.ABC, Generic[S]):
@@ -203,6 +205,7 @@ class Generator(abc.ABC, Generic[S]):
         fps: float | None = None,
         smoothing: float = 0.0,
         controls: control.Controls = control.NEUTRAL,
+        cues: Sequence[gestures.Cue] = (),
         words: Sequence[Word] = (),
     ) -> Motion:
         """Generate gestures for speech; the same arguments give the same motion.
@@ -219,19 +222,23 @@ class Generator(abc.ABC, Generic[S]):
             smoothing: length in seconds of the window over which poses are averaged, see `motion.smoothing`; 0 for no
                 smoothing.
             controls: controls of the motion, see `motion.control`.
-            words: words of the speech, in order of time, for a model that `reads_words`; HA2G of the paper needs none.
+            cues: gestures that are made after the controls, at a time or on a word, see `motion.cues`.
+            words: words of the speech, in order of time, for a model that `reads_words` and for cues on words; HA2G of
+                the paper needs none.
 
         Returns:
             Motion of exactly round(duration x fps) frames, at least 1.
 
         Raises:
-            UserError: the speech, the style, a seed, the seed pose, the frame rate or a control cannot be used.
+            UserError: the speech, the style, a seed, the seed pose, the frame rate, a control or a cue cannot be
+                used.
         """
         f_id, described = self.choose_style(style, seed)
         fps = self.fps if fps is None else _check_fps(fps)
         audio = read_speech(speech)
         skeleton, overlap = self.assets.skeleton, self.spec.num_seed_frames
         control.check(controls, skeleton, audio.duration)
+        placed = gestures.place(cues, words, audio.duration)
         check_width(smoothing)
         start = start_name = None
         if seed_pose is not None:
@@ -242,7 +249,10 @@ class Generator(abc.ABC, Generic[S]):
         frames = num_frames(audio.duration, fps)
         directions = directions[:frames] if fps == self.fps else resample(directions, self.fps, fps, frames)
         directions = control.apply(skeleton, smooth(directions, fps, smoothing), fps, controls)
+        before = None if start is None else directions[0]
+        directions = gestures.apply(skeleton, directions, fps, placed, before)
         asked = {"seed_pose": start_name, "smoothing": smoothing, "controls": control.describe(controls)}
+        asked["cues"] = gestures.describe(placed)
         meta = {
             "version": importlib.metadata.version("ha2g-jax"),
             "model": self.name,
@@ -263,6 +273,7 @@ class Generator(abc.ABC, Generic[S]):
         fps: float | None = None,
         smoothing: float = 0.0,
         controls: control.Controls = control.NEUTRAL,
+        cues: Sequence[gestures.Cue] = (),
     ) -> None:
         """Check the arguments of `generate` before there is speech.
 
@@ -273,6 +284,8 @@ class Generator(abc.ABC, Generic[S]):
         if fps is not None:
             _check_fps(fps)
         control.check(controls, self.assets.skeleton)
+        for cue in cues:
+            gestures.keyframes_of(gestures.check_cue(cue).name, self.assets.skeleton, self.fps)
         check_width(smoothing)
         if seed_pose is not None:
             read_seed_pose(seed_pose, self.assets.skeleton, self.fps, self.spec.num_seed_frames)

@@ -31,6 +31,7 @@ from ha2g_jax.features.spectrum import (
 from ha2g_jax.methods.method import Spec, Variables
 from ha2g_jax.motion.control.controls import NEUTRAL, Controls
 from ha2g_jax.motion.control.effects import EASE, Ramp, RunningControls, check_running
+from ha2g_jax.motion.cues import Cue, RunningCues, check_cue, keyframes_of
 from ha2g_jax.motion.idle import idle
 from ha2g_jax.motion.resample import num_frames, slerp
 from ha2g_jax.motion.rotations import unit
@@ -209,6 +210,24 @@ class Stream:
         # A motion of the speech so far has this many frames; later ones wait, as the speech may end here.
         return self._return(frames, round(self._num_samples / SAMPLE_RATE * self.fps))
 
+    def cue(self, cue: Cue | str, at: float | None = None) -> None:
+        """Make a gesture whose stroke peaks at a time of the motion; it is blended into the frames after the controls.
+
+        Args:
+            cue: what to make, or its name, such as "nod", "count:3" or "clip:FILE", see `motion.cues`.
+            at: seconds from the beginning of the motion, by default the time of the cue. None, and a time that is over
+                or too near, is as soon as possible: about half a second from the next frame on.
+
+        Raises:
+            UserError: there is no such gesture, the time is not a number of seconds, the cue is on a word, or a file
+                of motion cannot be read.
+        """
+        asked = cue if isinstance(cue, Cue) else Cue(cue)
+        asked = check_cue(asked if at is None else asked._replace(time=at))
+        if asked.word is not None:
+            raise UserError(f"the cue {asked.name} is on a word, and a stream has none; give a time, or leave both out")
+        self._cues.add(keyframes_of(asked.name, self.skeleton, self.fps), asked.time)
+
     def skip(self, seconds: float) -> np.ndarray:
         """Bridge a gap in the speech with silence, and return the frames that became final.
 
@@ -331,6 +350,7 @@ class Stream:
         if self._phrases and other is not None:
             self._phrases.add(other)
 
+<<<<<<< HEAD
     def _return(self, frames: list[_Frame], count: int) -> np.ndarray:
         """Return the frames before frame `count` of the motion, with controls and state, and hold the others."""
         final = max(count - self._num_returned, 0)
@@ -343,7 +363,17 @@ class Stream:
                 pose, number, frame.weight, frame.nod, is_addressed=frame.is_addressed, arms=arms
             )
             self._num_returned += 1
-        return returned
+=======
+    def _return(self, frames: list[np.ndarray], count: int) -> np.ndarray:
+        """Return the frames before frame `count` of the motion, with their controls and cues, and hold the others."""
+        joined = np.concatenate(frames)
+        final = max(count - self._num_returned, 0)
+        self._held = joined[final:]
+        returned = self._running_controls.apply(joined[:final], self._controls, is_muted=self.muted)
+        returned = self._cues.apply(returned)
+        self._num_returned += len(returned)
+>>>>>>> 48b127bd (Cues: a catalogue of gestures as keyframes, their blending into motion frame by frame, Stream.cue and Model.generate(cues=...))
+        return self._cues.apply(returned)
 
     def _checked(self, samples: np.ndarray) -> np.ndarray:
         self._check_open()

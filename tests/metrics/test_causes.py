@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from ha2g_jax.data.talk import lexicon
+from ha2g_jax import anatomy
 from ha2g_jax.metrics import causes, reconstruction
 
-NAMES = list(lexicon.HAND_SHAPES)
-SHAPES = np.array(list(lexicon.HAND_SHAPES.values()))
+NAMES = list(anatomy.HAND_SHAPES)
+SHAPES = np.array(list(anatomy.HAND_SHAPES.values()))
 
 
 def shape_at(flexions: np.ndarray, time: float) -> str:

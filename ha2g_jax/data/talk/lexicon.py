@@ -1,12 +1,10 @@
-"""Words that carry a gesture: their classes, and the hand shape and arm path of each class.
+"""Words that carry a gesture: their classes, and the arm path of each class.
 
-The shapes are told apart by the flexion of the fingers alone, so a generated hand can be scored
-against them without knowing where the arm is.
+The hand shape of a class is that of its name in `anatomy.HAND_SHAPES`. The shapes are told apart by the flexion of the
+fingers alone, so a generated hand can be scored against them without knowing where the arm is.
 """
 
 from typing import NamedTuple
-
-FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 
 WORD_CLASSES: dict[str, tuple[str, ...]] = {
     "one": ("one", "single"),
@@ -19,20 +17,6 @@ WORD_CLASSES: dict[str, tuple[str, ...]] = {
     "round": ("ball", "circle"),
     "negation": ("never", "nothing"),
     "approve": ("great", "perfect"),
-}
-
-# Flexion of thumb, index, middle, ring and pinky: 0 straight, 1 closed. Any two differ by 0.7 or more (Euclidean).
-HAND_SHAPES: dict[str, tuple[float, float, float, float, float]] = {
-    "one": (0.9, 0.0, 1.0, 1.0, 1.0),
-    "two": (0.9, 0.0, 0.0, 1.0, 1.0),
-    "three": (0.9, 0.0, 0.0, 0.0, 1.0),
-    "open": (0.0, 0.0, 0.0, 0.0, 0.0),
-    "small": (0.6, 0.65, 0.1, 0.1, 0.1),
-    "point": (0.0, 0.0, 1.0, 1.0, 1.0),
-    "fist": (1.0, 1.0, 1.0, 1.0, 1.0),
-    "round": (0.6, 0.62, 0.62, 0.62, 0.62),
-    "negation": (1.0, 0.0, 0.0, 0.0, 0.0),
-    "approve": (0.0, 1.0, 1.0, 1.0, 1.0),
 }
 
 

@@ -18,9 +18,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy import ndimage
 
+from ha2g_jax import anatomy
 from ha2g_jax import skeleton as skeletons
 from ha2g_jax.data.records import Stroke
-from ha2g_jax.data.talk import anatomy, lexicon, strokes
+from ha2g_jax.data.talk import lexicon, strokes
 from ha2g_jax.data.talk.speakers import Style
 from ha2g_jax.data.talk.stances import ARM, REST, arm_track, draw_stances, hand_gains, plan_moves
 from ha2g_jax.features.text import Word
@@ -248,7 +249,7 @@ def _fingers(times, gestures, style) -> np.ndarray:
     for side in range(2):
         mine = [gesture for gesture in gestures if side == dominant or lexicon.ARM_PATHS[gesture.word_class].both]
         if mine:
-            shapes = [lexicon.HAND_SHAPES[gesture.word_class] for gesture in mine]
+            shapes = [anatomy.HAND_SHAPES[gesture.word_class] for gesture in mine]
             keys, value = strokes.gesture_keys(mine, shapes, shapes)
             weight = strokes.track(times, keys)[:, None]
             fingers[:, side] += weight * (strokes.track(times, value) - fingers[:, side])

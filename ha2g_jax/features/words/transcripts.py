@@ -130,7 +130,15 @@ def read_words(path: pathlib.Path) -> tuple[Word, ...]:
         UserError: the file cannot be read, or has no words, impossible times, or no times.
     """
     file, speaker = _speaker_of(path)
-    text = read_text(file)
+    return parse_words(read_text(file), file, speaker)
+
+
+def parse_words(text: str, file: pathlib.Path, speaker: str = "") -> tuple[Word, ...]:
+    """Parse the text of a transcript of a file, see `read_words`.
+
+    Raises:
+        UserError: the text has no words, impossible times, or no times.
+    """
     parse = _parser(text, file)
     if parse is None:
         raise UserError(

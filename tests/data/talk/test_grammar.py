@@ -7,8 +7,9 @@ import re
 import numpy as np
 import pytest
 
+from ha2g_jax import anatomy
 from ha2g_jax import skeleton as skeletons
-from ha2g_jax.data.talk import anatomy, grammar, lexicon
+from ha2g_jax.data.talk import grammar, lexicon
 from ha2g_jax.data.talk.lexicon import WORD_CLASSES, word_class
 from ha2g_jax.features import espeak as speech
 
@@ -93,20 +94,20 @@ def test_emphasis_says_nothing_about_the_word():
 def test_every_class_has_words_a_shape_and_a_path():
     words = list(itertools.chain(*lexicon.WORD_CLASSES.values()))
     assert len(words) == len(set(words))
-    assert lexicon.WORD_CLASSES.keys() == lexicon.HAND_SHAPES.keys() == lexicon.ARM_PATHS.keys()
+    assert lexicon.WORD_CLASSES.keys() == anatomy.HAND_SHAPES.keys() == lexicon.ARM_PATHS.keys()
     assert lexicon.word_class("Tiny") == "small"
     assert lexicon.word_class("table") == ""
 
 
 def test_hand_shapes_are_told_apart_by_the_fingers_alone():
-    for first, second in itertools.combinations(lexicon.HAND_SHAPES.values(), 2):
+    for first, second in itertools.combinations(anatomy.HAND_SHAPES.values(), 2):
         assert np.linalg.norm(np.subtract(first, second)) > 0.6
 
 
 @pytest.mark.parametrize("spread", [0.0, 14.0, 40.0])
 def test_flexions_are_read_back_from_a_drawn_hand(spread):
     skeleton = skeletons.load_skeleton("ted_expressive")
-    shapes = np.array(list(lexicon.HAND_SHAPES.values()))
+    shapes = np.array(list(anatomy.HAND_SHAPES.values()))
     fingers = np.stack([shapes, shapes[::-1]], axis=1)
     trunk, head, shrug = (np.zeros((len(shapes), size)) for size in (3, 3, 2))
     body = anatomy.Body(

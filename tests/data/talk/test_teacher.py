@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from ha2g_jax import anatomy
 from ha2g_jax import skeleton as skeletons
-from ha2g_jax.data.talk import anatomy, lexicon, speakers, strokes, teacher
+from ha2g_jax.data.talk import speakers, strokes, teacher
 from ha2g_jax.data.talk.stances import STANCES
 from ha2g_jax.features.text import Word
 from ha2g_jax.metrics import hands
@@ -175,9 +176,9 @@ def test_hand_takes_the_shape_of_the_word(handedness):
     assert [stroke.word_class for stroke in strokes] == ["open", "small"]
     for stroke in strokes:
         held = flexions[round(stroke.time * 15) : round((stroke.time + 0.4) * 15)]
-        shapes = np.array(list(lexicon.HAND_SHAPES.values()))
+        shapes = np.array(list(anatomy.HAND_SHAPES.values()))
         nearest = np.linalg.norm(held[:, None] - shapes[None], axis=-1).argmin(axis=-1)
-        assert {list(lexicon.HAND_SHAPES)[index] for index in nearest} == {stroke.word_class}
+        assert {list(anatomy.HAND_SHAPES)[index] for index in nearest} == {stroke.word_class}
 
 
 def test_fingers_do_not_follow_the_sound():

@@ -1,4 +1,4 @@
-"""The body of the Talk corpus: joint angles of trunk, head, arms and fingers, and forward kinematics.
+"""A body of TED-Expressive as joint angles of trunk, head, arms and fingers, shapes of hands, and forward kinematics.
 
 The right arm is computed as a left one and mirrored. Within the trunk, x is outward, y down; the person faces -z.
 """
@@ -10,7 +10,22 @@ import numpy as np
 import numpy.typing as npt
 
 from ha2g_jax import skeleton as skeletons
-from ha2g_jax.data.talk import lexicon
+
+FINGERS = ("thumb", "index", "middle", "ring", "pinky")
+
+# Flexion of thumb, index, middle, ring and pinky: 0 straight, 1 closed. Any two differ by 0.7 or more (Euclidean).
+HAND_SHAPES: dict[str, tuple[float, float, float, float, float]] = {
+    "one": (0.9, 0.0, 1.0, 1.0, 1.0),
+    "two": (0.9, 0.0, 0.0, 1.0, 1.0),
+    "three": (0.9, 0.0, 0.0, 0.0, 1.0),
+    "open": (0.0, 0.0, 0.0, 0.0, 0.0),
+    "small": (0.6, 0.65, 0.1, 0.1, 0.1),
+    "point": (0.0, 0.0, 1.0, 1.0, 1.0),
+    "fist": (1.0, 1.0, 1.0, 1.0, 1.0),
+    "round": (0.6, 0.62, 0.62, 0.62, 0.62),
+    "negation": (1.0, 0.0, 0.0, 0.0, 0.0),
+    "approve": (0.0, 1.0, 1.0, 1.0, 1.0),
+}
 
 # Degrees. Flexion forward and abduction sideways of the upper arm, its outward rotation about its own length,
 # elbow flexion, forearm pronation (0 thumb up, 90 palm down), wrist extension, wrist bend towards the thumb.
@@ -29,7 +44,7 @@ HEAD_LIMITS = (25.0, 35.0, 20.0)
 SHRUG_LIMIT = 12.0
 SPREAD_LIMITS = (4.0, 30.0)
 
-# Degrees at full flexion of the knuckle and of the joint after it, for each finger of the lexicon. The values make
+# Degrees at full flexion of the knuckle and of the joint after it, for each finger of `FINGERS`. The values make
 # a half-closed hand bend like the published means (index 23 and 50 degrees, pinky 47 and 30).
 FINGER_BEND = np.array([(40.0, 55.0), (58.0, 117.0), (82.0, 94.0), (86.0, 88.0), (98.0, 66.0)])
 
@@ -141,13 +156,13 @@ def finger_flexions(skeleton: skeletons.Skeleton, directions: np.ndarray) -> np.
     are spread are not bent.
     """
     unit = skeletons.normalize(directions)
-    flexions = np.zeros((*directions.shape[:-2], 2, len(lexicon.FINGERS)), directions.dtype)
+    flexions = np.zeros((*directions.shape[:-2], 2, len(FINGERS)), directions.dtype)
     for side, name in enumerate(("left", "right")):
         index, little, along = (
             unit[..., skeleton.bone(f"{name}_{finger}_1"), :] for finger in ("index", "pinky", "middle")
         )
         palm = skeletons.normalize(np.cross(little, index) if side == 0 else np.cross(index, little))
-        for finger, finger_name in enumerate(lexicon.FINGERS):
+        for finger, finger_name in enumerate(FINGERS):
             bones = [unit[..., skeleton.bone(f"{name}_{finger_name}_{part}"), :] for part in (1, 2, 3)]
             knuckle, middle = (_angle(a, b) for a, b in itertools.pairwise(bones))
             if finger_name != "thumb":
@@ -200,7 +215,7 @@ def _finger_directions(hand: np.ndarray, flexions: np.ndarray, spread: np.ndarra
     """
     parts = {}
     share = np.deg2rad(spread) / np.deg2rad(_METACARPALS[1, 0] - _METACARPALS[4, 0])
-    for finger, name in enumerate(lexicon.FINGERS):
+    for finger, name in enumerate(FINGERS):
         azimuth, drop = np.deg2rad(_METACARPALS[finger])
         local = np.array([np.cos(drop) * np.cos(azimuth), np.cos(drop) * np.sin(azimuth), -np.sin(drop)])
         # A finger is nearer to the middle one than its metacarpal, and curls into the palm; the thumb goes on along

@@ -1,0 +1,21 @@
+"""Gestures on demand: what can be asked for, reading of it, and its blending into a motion."""
+
+from ha2g_jax.motion.cues.catalogue import NAMES, describe_catalogue, keyframes
+from ha2g_jax.motion.cues.reading import Cue, check_cue, describe, keyframes_of, place, read_cue, read_cues
+from ha2g_jax.motion.cues.running import MAX_SPEED, RunningCues, apply
+
+__all__ = [
+    "MAX_SPEED",
+    "NAMES",
+    "Cue",
+    "RunningCues",
+    "apply",
+    "check_cue",
+    "describe",
+    "describe_catalogue",
+    "keyframes",
+    "keyframes_of",
+    "place",
+    "read_cue",
+    "read_cues",
+]
