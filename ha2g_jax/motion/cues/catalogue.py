@@ -129,7 +129,7 @@ _ENTRIES = {
         {-0.38: _Key(_RAISED, {}), 0.0: _Key(_UP, {}), 0.6: _Key(_UP, {}), 0.98: _Key(_RAISED, {})},
     ),
     "point:front": _hold("one", _Arm((0.02, -0.06, 0.66), "index")),
-    "point:self": _hold("one", _Arm((-0.02, -0.20, 0.24), "index", 10, -58)),
+    "point:self": _hold("one", _Arm((-0.05, -0.15, 0.24), "index", -10, -60, 15, 50)),
     **{
         f"count:{number}": _count(hand)
         for number, hand in enumerate(("one", "two", "three", "negation", "open"), start=1)
