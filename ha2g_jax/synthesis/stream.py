@@ -99,6 +99,7 @@ class Stream:
         self._rest_ramp = Ramp(self._rest_pose.ravel(), self.fps)
         self._weight_ramp: Ramp | None = None  # of the motion, from rest; begins at the first frame
         self._running_controls = RunningControls(self.skeleton, self.fps, controls)
+        self._cues = RunningCues(self.skeleton, self.fps)
         self._states = RunningStates(self.skeleton, self.fps, seed)
         self._phrases: Phrases | None = None  # of the other; begin with the first samples of the other
         first = spec.num_seed_frames
@@ -350,9 +351,8 @@ class Stream:
         if self._phrases and other is not None:
             self._phrases.add(other)
 
-<<<<<<< HEAD
     def _return(self, frames: list[_Frame], count: int) -> np.ndarray:
-        """Return the frames before frame `count` of the motion, with controls and state, and hold the others."""
+        """Return the frames before frame `count` of the motion, with controls, state and cues, and hold the others."""
         final = max(count - self._num_returned, 0)
         self._held = frames[final:]
         returned = np.zeros((len(frames[:final]), self.spec.skeleton.num_bones, 3), np.float32)
@@ -363,16 +363,6 @@ class Stream:
                 pose, number, frame.weight, frame.nod, is_addressed=frame.is_addressed, arms=arms
             )
             self._num_returned += 1
-=======
-    def _return(self, frames: list[np.ndarray], count: int) -> np.ndarray:
-        """Return the frames before frame `count` of the motion, with their controls and cues, and hold the others."""
-        joined = np.concatenate(frames)
-        final = max(count - self._num_returned, 0)
-        self._held = joined[final:]
-        returned = self._running_controls.apply(joined[:final], self._controls, is_muted=self.muted)
-        returned = self._cues.apply(returned)
-        self._num_returned += len(returned)
->>>>>>> 48b127bd (Cues: a catalogue of gestures as keyframes, their blending into motion frame by frame, Stream.cue and Model.generate(cues=...))
         return self._cues.apply(returned)
 
     def _checked(self, samples: np.ndarray) -> np.ndarray:
