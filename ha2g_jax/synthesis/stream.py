@@ -198,7 +198,7 @@ class Stream:
             other = self._checked(other)
             if len(other) != len(samples):
                 raise UserError(f"{len(other)} samples of the other; expected {len(samples)}, as many as of the agent")
-            self._phrases = self._phrases or Phrases(self._num_samples)
+            self._phrases = self._phrases or Phrases(2 * self.spec.num_frames / self.fps + 2, self._num_samples)
         elif self._phrases:
             other = np.zeros_like(samples)
         frames = [*self._held]
