@@ -19,6 +19,7 @@ from ha2g_jax.features.text import Word
 from ha2g_jax.files.reading import check_regular, reading, resolved, shown, why_not_there
 from ha2g_jax.files.writing import check_kept, do_each, whole_file
 from ha2g_jax.motion import formats, rigs
+from ha2g_jax.motion.cues import Cue
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.progress import stage
 from ha2g_jax.synthesis.generator import Audio, Generator, Options, read_speech
@@ -249,8 +250,8 @@ def generate_files(
         checkpoint, backend: model and what computes the motion, see `load`.
         suffix: format of the results, one of `SUFFIXES`, where `out` names none.
         rig: joints of the results, see `motion.formats.export`; video and page have none.
-        words: path of a transcript of the speech, for a model that reads words, where there is one file; by default a
-            transcript beside the speech is used. HA2G needs none.
+        words: path of a transcript of the speech, for a model that reads words and for cues on words, where there is
+            one file; by default a transcript beside the speech is used. HA2G needs none.
         size: width and height of the video in pixels, one number for both; 720 by default.
         camera: camera of video and page, one of `figure.CAMERAS`, by default "body".
         takes: number of motions for each file, with the seeds `seed`, `seed + 1` and so on; of several, the names of
@@ -290,9 +291,10 @@ def generate_files(
     picture = {"size": size or _SIZE, "camera": camera or "body", "fps": options.get("fps")}
     with stage("loading the model"):
         model = load(checkpoint, backend)
-    if words is not None and not model.reads_words:
+    needs_words = model.reads_words or any(cue.word for cue in options.get("cues", ()))
+    if words is not None and not needs_words:
         raise UserError(f"{model.spec.method} reads no words; leave --words out")
-    if model.reads_words and words is None:
+    if needs_words and words is None:
         results = [path for task in tasks for path in task.paths]
         check_kept(results, [find_transcript(task.speech) for task in tasks])
     if len(tasks) == 1:
@@ -329,7 +331,7 @@ def _generate(
 ) -> None:
     with stage("reading the speech"):
         audio = read_speech(task.speech)
-    spoken = read_words(model, task.speech, audio.samples, words)
+    spoken = read_words(model, task.speech, audio.samples, words, options.get("cues", ()))
     with contextlib.ExitStack() as stack:
         # The files are opened before the work, so that a path that cannot be written is noticed early.
         temporary = [stack.enter_context(whole_file(path)) for path in task.paths]
@@ -369,17 +371,27 @@ def _write(
 
 
 def read_words(
-    model: Generator[Any], speech: pathlib.Path, audio: np.ndarray, words: pathlib.Path | None
+    model: Generator[Any],
+    speech: pathlib.Path,
+    audio: np.ndarray,
+    words: pathlib.Path | None,
+    cues: Sequence[Cue] = (),
 ) -> tuple[Word, ...]:
     """Return the words of the speech (samples,) at 16 kHz, by default of the transcript beside its file, where there is
-    one.
+    one, for a model that reads words or a cue that is on one.
 
     Raises:
-        UserError: the transcript cannot be read.
+        UserError: the transcript cannot be read, or there is none for a cue.
     """
-    if not model.reads_words:
+    on_words = [cue for cue in cues if cue.word]
+    if not model.reads_words and not on_words:
         return ()
     words = words or find_transcript(speech)
+    if words is None and on_words:
+        raise UserError(
+            f"the cue {shown(on_words[0].name)} is on a word, but {shown(speech)} has no transcript beside it; "
+            "name one with --words, or give times"
+        )
     if words is None:
         tqdm.write(
             f"{model.spec.method} reads words, but {shown(speech)} has no transcript beside it: continuing without "

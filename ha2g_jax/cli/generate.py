@@ -65,7 +65,9 @@ def add_commands(commands: Any) -> None:
         help="frames per second of motion and video, 1 to 240 (default: the model's, 30 in a video)",
     )
     command.add_argument(
-        "--words", type=pathlib.Path, help="transcript, or FILE#SPEAKER, for a model that reads words (default: beside)"
+        "--words",
+        type=pathlib.Path,
+        help="transcript, or FILE#SPEAKER, for a model or cues with words (default: beside)",
     )
     command.add_argument(
         "--size", metavar="WIDTHxHEIGHT", help="pixels of the video; one number for both (default: 720)"
@@ -121,6 +123,13 @@ def _add_controls(command: argparse.ArgumentParser) -> None:
         "--mute", action="append", default=[], metavar="START:END", help="no gestures: only trunk and head move"
     )
     controls.add_argument(
+        "--cues",
+        type=pathlib.Path,
+        metavar="FILE",
+        help="gestures on demand, such as a nod or three fingers, at times or on words: lines of JSON in a .jsonl, or "
+        "[nod] before a word of an .srt or .vtt",
+    )
+    controls.add_argument(
         "--smooth", type=float, default=0.0, metavar="SECONDS", help="average poses over a window of this length"
     )
 
@@ -165,7 +174,7 @@ def run(arguments: argparse.Namespace) -> None:
     """Generate the files that the arguments ask for, and print their paths."""
     with stage("starting"):
         from ha2g_jax.apps.generate import generate_files
-        from ha2g_jax.motion import control
+        from ha2g_jax.motion import control, cues
 
     controls = dataclasses.replace(
         read_amounts(arguments),
@@ -185,6 +194,7 @@ def run(arguments: argparse.Namespace) -> None:
         fps=arguments.fps,
         smoothing=arguments.smooth,
         controls=controls,
+        cues=() if arguments.cues is None else cues.read_cues(arguments.cues),
         words=arguments.words,
         size=None if arguments.size is None else read_size(arguments.size),
         camera=arguments.camera,

@@ -239,6 +239,7 @@ class Generator(abc.ABC, Generic[S]):
         skeleton, overlap = self.assets.skeleton, self.spec.num_seed_frames
         control.check(controls, skeleton, audio.duration)
         placed = gestures.place(cues, words, audio.duration)
+        made = [(gestures.keyframes_of(cue.name, skeleton, fps), cue.time) for cue in placed]
         check_width(smoothing)
         start = start_name = None
         if seed_pose is not None:
@@ -250,7 +251,7 @@ class Generator(abc.ABC, Generic[S]):
         directions = directions[:frames] if fps == self.fps else resample(directions, self.fps, fps, frames)
         directions = control.apply(skeleton, smooth(directions, fps, smoothing), fps, controls)
         before = None if start is None else directions[0]
-        directions = gestures.apply(skeleton, directions, fps, placed, before)
+        directions = gestures.apply(skeleton, directions, fps, made, before)
         asked = {"seed_pose": start_name, "smoothing": smoothing, "controls": control.describe(controls)}
         asked["cues"] = gestures.describe(placed)
         meta = {

@@ -78,7 +78,7 @@ REFUSED = {
 # Options that always have an effect, of these commands and of those that have no others.
 ALWAYS = {
     "generate": "--out --takes --format --checkpoint --backend --seed --fps --speaker --style --reference-image "
-    "--style-seed --energy --extent --handedness --mirror --seed-pose --pin --mute --smooth",
+    "--style-seed --energy --extent --handedness --mirror --seed-pose --pin --mute --cues --smooth",
     "live": "--source --sink --checkpoint --look-ahead --hop --seed --json --muted --speaker --style --reference-image "
     "--style-seed --energy --extent --handedness --mirror --variation",
     "export": "--out --format",

@@ -1,5 +1,6 @@
 """Cues, which ask for a gesture at a time, on a word or now, and their reading from text and files."""
 
+import itertools
 import json
 import math
 import os
@@ -173,22 +174,14 @@ def _of_subtitles(text: str, path: pathlib.Path) -> tuple[Cue, ...]:
     if [found[index].text for index in places] != [word.text for word in words]:
         raise UserError(f"{shown(path)} has cues that are at no word; put each one right before a word")
     starts = dict(zip(places, (word.start for word in words), strict=True))
-    return tuple(
-        Cue(markers[placeholders[word.text]], _start(found, index, starts))
-        for index, word in enumerate(found)
-        if word.text in placeholders
-    )
-
-
-def _start(found: Sequence[Word], index: int, starts: dict[int, float]) -> float:
-    """Return the start of the word that follows a cue directly, or else of the one before it, or of a cue alone."""
-    after = next((place for place in starts if place > index), None)
-    before = next((place for place in reversed(starts) if place < index), None)
-    if after is not None and found[after].start - found[after - 1].end < _GAP:
-        return starts[after]
-    if before is not None and found[before + 1].start - found[before].end < _GAP:
-        return starts[before]
-    return found[index].start
+    breaks = [index for index in range(1, len(found)) if found[index].start - found[index - 1].end >= _GAP]
+    cues = []
+    for first, end in itertools.pairwise([0, *breaks, len(found)]):
+        for index in range(first, end):
+            if (text := found[index].text) in placeholders:
+                near = [place for place in (*range(index, end), *range(index, first - 1, -1)) if place in starts]
+                cues.append(Cue(markers[placeholders[text]], starts[near[0]] if near else found[index].start))
+    return tuple(cues)
 
 
 def place(cues: Iterable[Cue], words: Sequence[Word], duration: float = math.inf) -> tuple[Cue, ...]:

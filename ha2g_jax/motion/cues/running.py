@@ -8,7 +8,6 @@ import numpy as np
 
 from ha2g_jax.motion.control.parts import Rotations, apply_rotations, power, rotations_from
 from ha2g_jax.motion.cues.catalogue import Keyframes, limbs
-from ha2g_jax.motion.cues.reading import Cue, keyframes_of
 from ha2g_jax.motion.resample import slerp
 from ha2g_jax.motion.rotations import from_vector, rotate
 from ha2g_jax.motion.smoothing import minimum_jerk
@@ -21,19 +20,20 @@ _PEAK_SPEED = 1.875  # of a minimum-jerk movement, relative to its mean speed
 
 
 def apply(
-    skeleton: Skeleton, directions: np.ndarray, fps: float, cues: Iterable[Cue], before: np.ndarray | None = None
+    skeleton: Skeleton,
+    directions: np.ndarray,
+    fps: float,
+    gestures: Iterable[tuple[Keyframes, float | None]],
+    before: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Blend cues that have times into a whole motion (T, bones, 3), see `RunningCues`.
+    """Blend gestures with their times in seconds into a whole motion (T, bones, 3), see `RunningCues`.
 
-    A cue that begins before the motion is under way in its first frame, unless the motion goes on from a pose `before`;
-    one that lasts longer than the motion ends with it.
-
-    Raises:
-        UserError: there is no such gesture, or a file of motion cannot be read.
+    A gesture that begins before the motion is under way in its first frame, unless the motion goes on from a pose
+    `before`; one that lasts longer than the motion ends with it.
     """
     running = RunningCues(skeleton, fps, before)
-    for cue in cues:
-        running.add(keyframes_of(cue.name, skeleton, fps), cue.time)
+    for keys, time in gestures:
+        running.add(keys, time)
     return running.apply(directions)
 
 
