@@ -26,6 +26,7 @@ from ha2g_jax.files.cache import cache_folder, one_maker
 from ha2g_jax.files.reading import read_json, reason, shown
 from ha2g_jax.files.writing import whole_file
 from ha2g_jax.limits import MAX_ASSETS_BYTES
+from ha2g_jax.motion.cues import describe_catalogue
 from ha2g_jax.motion.resample import num_frames
 from ha2g_jax.motion.windows import num_windows
 from ha2g_jax.progress import progress_bar
@@ -208,7 +209,8 @@ def write_page_description(path: str | pathlib.Path, seeds: int = NUM_SEEDS) -> 
 def page_description(path: str | pathlib.Path, seeds: int = NUM_SEEDS) -> dict[str, Any]:
     """Return what a web page needs beside an ONNX file, the contents of its model.json.
 
-    They are the values of the file's metadata by name (docs/onnx.md), and "takes" of some seeds from 0 on, see `takes`.
+    They are the values of the file's metadata by name (docs/onnx.md); "takes" of some seeds from 0 on, see `takes`; and
+    "limbs" and "cues", see `describe_catalogue`.
 
     Raises:
         UserError: see `checkpoint.onnx.reading.read`.
@@ -216,7 +218,8 @@ def page_description(path: str | pathlib.Path, seeds: int = NUM_SEEDS) -> dict[s
     description, _ = read(path)
     metadata = to_metadata(description)
     values = {name: text if name in _TEXTS else json.loads(text) for name, text in metadata.items()}
-    return values | {"takes": takes(description, seeds)}
+    catalogue = describe_catalogue(description.assets.skeleton)
+    return values | {"takes": takes(description, seeds)} | catalogue
 
 
 def takes(description: Description, seeds: int = NUM_SEEDS) -> list[dict[str, Any]]:

@@ -24,7 +24,7 @@ LIST = "site.json"  # names the files of a site, so that another site may take i
 _FORMAT = "ha2g-site 1"
 _MAX_LIST_BYTES = 2**20
 # Scripts of the viewer that the page uses; it has its own for sound, controls and keys.
-_VIEWER = ("motion.js", "body.js", "stage.js", "arriving.js", "timeline.js")
+_VIEWER = ("motion.js", "body.js", "stage.js", "arriving.js", "acting.js", "timeline.js")
 _STYLES = ("style.css", "live.css")
 _THREE_LICENSE = "three.js r130 (three.min.js): MIT, Copyright 2010-2021 three.js authors, see three below."
 _OLDEST_NODE = 20

@@ -49,6 +49,19 @@ declare class Stage {
   draw(number: number | null, isSmooth: boolean): void;
 }
 
+/** What a button of `Acting` asks for. */
+interface Asked {
+  state?: "auto" | "idle" | "listen" | "think";
+  cue?: string;
+  clear?: boolean;
+}
+
+declare class Acting {
+  constructor(holder: Element, cues: string[], act: (asked: Asked) => void);
+  readonly isOther: boolean;
+  showState(state: string): void;
+}
+
 declare class Timeline {
   constructor(
     canvas: HTMLCanvasElement,

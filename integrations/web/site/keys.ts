@@ -72,8 +72,8 @@ function press(page: Page, event: KeyboardEvent): void {
   if (event.ctrlKey || event.metaKey || event.altKey || target.matches("select, input:not(#scrub)")) return;
   if (event.key === " " && target.matches("button, summary, a")) return; // it presses them
   const click = (selector: string) => () => {
-    const button = find(selector);
-    if (!button.hidden) button.click();
+    const button = document.querySelector<HTMLElement>(selector);
+    if (button?.offsetParent) button.click();
   };
   const actions: Record<string, () => unknown> = {
     " ": () => page.turnPlay(),
@@ -89,6 +89,8 @@ function press(page: Page, event: KeyboardEvent): void {
     n: click("#another"),
     c: click("#record"),
     x: click("#rest"),
+    i: click("#interrupt"),
+    l: click("#other"),
     v: click("#wear"),
     m: click("#mute"),
     b: click("#bones"),

@@ -1,8 +1,9 @@
 /** Motion that follows the microphone: the frame that is shown is that of what was said a stated time ago. */
 
+import { joined } from "../src/arrays.js";
 import type { LiveStream } from "../src/synthesis/gesturer.js";
 import type { ShownFigure } from "./figure.js";
-import { joined, Recording } from "./recording.js";
+import { Recording } from "./recording.js";
 import { RATE } from "./sound.js";
 
 const BUFFER = 0.15; // seconds beyond the stated latency
@@ -25,18 +26,22 @@ export class LiveRun {
   /** Loudest sample of the last moment, falling slowly. */
   level = 0;
   recording: Recording | null = null;
-  private pending: Float32Array[] = [];
+  private pending: [own: Float32Array, other: Float32Array][] = [];
   private waiting = 0;
   private numFrames = 0;
   private numSamples = 0;
   private work: Promise<void> | null = null;
   private isClosed = false;
 
-  /** @param onfail - is called with a sentence for people when the run cannot go on. */
+  /**
+   * @param voice - says whether the sound is that of the person whom the figure listens to, and not that of the figure.
+   * @param onfail - is called with a sentence for people when the run cannot go on.
+   */
   constructor(
     private readonly source: Source,
     readonly stream: LiveStream,
     private readonly figure: ShownFigure,
+    private readonly voice: { readonly isOther: boolean },
     private readonly onfail: (reason: string) => void,
   ) {
     this.delay = stream.latency + BUFFER;
@@ -61,6 +66,12 @@ export class LiveRun {
     this.recording = new Recording(this.figure.fps, this.numSamples);
   }
 
+  /** Ends what the figure says: its sound that no frame has shown becomes silence. */
+  interrupt(): void {
+    for (const [own] of this.pending) own.fill(0);
+    this.stream.clear().catch((error: Error) => this.fail(error.message));
+  }
+
   /** Ends the run, and returns its recording with the frames that belong to it. */
   async end(): Promise<Recording | null> {
     const { recording } = this;
@@ -77,7 +88,8 @@ export class LiveRun {
     if (this.isClosed) return;
     const loudest = samples.reduce((most, sample) => Math.max(most, Math.abs(sample)), 0);
     this.level = Math.max(Math.sqrt(loudest), 0.8 * this.level);
-    this.pending.push(samples);
+    const silence = new Float32Array(samples.length);
+    this.pending.push(this.voice.isOther ? [silence, samples] : [samples, silence]);
     this.waiting += samples.length;
     if (this.waiting > RATE * MOST_DELAY) this.fail(TOO_SLOW);
     else this.work ??= this.compute().finally(() => (this.work = null));
@@ -87,11 +99,13 @@ export class LiveRun {
   private async compute(): Promise<void> {
     try {
       while (this.pending.length && !this.isClosed) {
-        const samples = joined(this.pending.splice(0));
+        const pieces = this.pending.splice(0);
+        const own = joined(pieces.map(([own]) => own));
+        const other = joined(pieces.map(([, other]) => other));
         this.waiting = 0;
-        const rows = await this.stream.feed(samples);
-        this.numSamples += samples.length;
-        this.recording?.hear(samples);
+        const rows = await this.stream.feed(own, other);
+        this.numSamples += own.length;
+        this.recording?.hear(own.map((sample, k) => sample + other[k]));
         if (rows.length) this.isClosed ? this.keep(rows) : this.show(rows);
       }
     } catch (error) {

@@ -45,6 +45,7 @@ export class Page {
       say("The energy of the motion could not be changed; move the slider again.", true);
     },
   );
+  private acting: Acting | null = null;
   private job: AbortController | null = null;
   /** The sound that the job generates gestures for; null while it is read. */
   private heard: Sound | null = null;
@@ -117,7 +118,8 @@ export class Page {
         press(find("#rest"), false);
         press(find("#record"), false);
         const onfail = (reason: string) => void this.stop(reason, true);
-        this.run = new LiveRun(source, stream, this.model.figure as ShownFigure, onfail);
+        this.acting ??= new Acting(find("#acting"), Object.keys(description.cues), (asked) => this.act(asked));
+        this.run = new LiveRun(source, stream, this.model.figure as ShownFigure, this.acting, onfail);
         stream.change(style()); // it may have changed meanwhile
       } catch (error) {
         source.close();
@@ -140,6 +142,13 @@ export class Page {
     const isResting = find("#rest").getAttribute("aria-pressed") !== "true";
     press(find("#rest"), isResting);
     this.run?.stream.change({ muted: isResting });
+  }
+
+  /** Does what a button beside the speech asks for. */
+  private act({ state, cue, clear }: Asked): void {
+    if (state) this.run?.stream.change({ state });
+    if (cue) this.run?.stream.cue(cue);
+    if (clear) this.run?.interrupt();
   }
 
   /** Ends what goes on, and says so. */
@@ -337,7 +346,9 @@ export class Page {
     if (now < this.nextFacts) return;
     this.nextFacts = now + FACTS_EVERY;
     this.panel.showPlaying(this.player.isPlaying);
-    if (this.run) this.panel.showRun(this.run);
+    if (!this.run) return;
+    this.panel.showRun(this.run);
+    this.acting?.showState(this.run.stream.state);
   }
 
   private showState(): void {

@@ -57,7 +57,7 @@ export class Panel {
     const wasFocused = document.activeElement?.matches(".main");
     show(!isBusy, "#file", "#microphone", "#example");
     show(isBusy, "#stop");
-    show(isLive, "#level", "#record", "#rest");
+    show(isLive, "#level", "#record", "#rest", "#acting");
     show(hasTake && !isLive, "#track", "#time", "#mute");
     show(hasTake && !isBusy, "#play", "#save");
     find("#file").classList.toggle("quiet", hasTake);

@@ -1,5 +1,6 @@
 /** Sound and frames of a part of a live run. */
 
+import { joined } from "../src/arrays.js";
 import { RATE } from "./sound.js";
 
 const MOST_SECONDS = 600;
@@ -64,15 +65,4 @@ export class Recording {
   private get numFrames(): number {
     return Math.round((this.numSamples * this.fps) / RATE);
   }
-}
-
-/** Returns pieces one after the other. */
-export function joined(pieces: Float32Array[]): Float32Array<ArrayBuffer> {
-  const whole = new Float32Array(pieces.reduce((total, piece) => total + piece.length, 0));
-  let at = 0;
-  for (const piece of pieces) {
-    whole.set(piece, at);
-    at += piece.length;
-  }
-  return whole;
 }

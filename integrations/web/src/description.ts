@@ -36,6 +36,19 @@ export interface Take {
   seed_pose: number;
 }
 
+/** A gesture that can be asked for; times are in seconds from the peak of its stroke. */
+export interface Keyframes {
+  weight_times: number[];
+  /** How far the gesture replaces the motion: 0 at both ends, 1 at the peak. */
+  weights: number[];
+  /** Moments of the keyframes. */
+  times: number[];
+  /** (keyframes, bones, 3) unit vectors of a limb, by its name. */
+  poses: Record<string, number[][][]>;
+  /** (keyframes, 3) rotation vectors in radians that are added to the motion of a limb, by its name. */
+  turns: Record<string, number[][]>;
+}
+
 /** A model without its networks. */
 export interface Description {
   format: string;
@@ -62,6 +75,10 @@ export interface Description {
   seed_poses: number[][][][];
   /** Draws of the seeds from 0 on. */
   takes: Take[];
+  /** Bones of head, spine, shoulders and arms, by name. */
+  limbs: Record<string, number[]>;
+  /** Gestures that can be asked for, by name. */
+  cues: Record<string, Keyframes>;
 }
 
 /**
@@ -108,6 +125,7 @@ export function checkDescription(value: unknown): Description {
     isArray(take?.style, [style_dim]) &&
     isArray(take.variation, [style_dim]) &&
     found.seed_poses[take.seed_pose] !== undefined;
+  if (!areCues(found)) throw wrong("no cues");
   if (!Array.isArray(found.takes) || !found.takes.length || !found.takes.every(isTake)) throw wrong("no takes");
   return found;
 }
@@ -127,6 +145,21 @@ function isSkeleton(value: unknown): value is Skeleton {
     isArray(mean_directions, [bones.length, 3]) &&
     isArray(mean_pose, [joints.length, 3])
   );
+}
+
+/** Returns whether the cues of a model have the shapes that its limbs and their keyframes say. */
+function areCues({ skeleton, limbs = {}, cues }: Description): boolean {
+  const isLimb = (bones: unknown) => isArray(bones, [-1]) && (bones as number[]).every((bone) => skeleton.bones[bone]);
+  return Boolean(cues) && Object.values(limbs).every(isLimb) && Object.values(cues).every((cue) => {
+    const count = cue?.times?.length;
+    return (
+      isArray(cue?.weight_times, [-1]) &&
+      isArray(cue.weights, [cue.weight_times.length]) &&
+      isArray(cue.times, [-1]) &&
+      Object.entries(cue.poses ?? {}).every(([limb, poses]) => isArray(poses, [count, limbs[limb]?.length ?? 0, 3])) &&
+      Object.entries(cue.turns ?? {}).every(([limb, turns]) => limbs[limb] && isArray(turns, [count, 3]))
+    );
+  });
 }
 
 /** Returns whether a value is nested arrays of finite numbers of a shape; -1 is any length from 1 on. */

@@ -33,6 +33,10 @@ export function makeDescription(changes: Partial<Description> = {}): Description
     },
     speakers: { ada: [1, 2], ben: [3, -2] },
     seed_poses: [[pose, pose, pose, pose]],
+    limbs: { head: [0, 1] },
+    cues: {
+      nod: { weight_times: [-0.3, 0, 0.5], weights: [0, 1, 0], times: [0], poses: {}, turns: { head: [[0.3, 0, 0]] } },
+    },
     takes: [{ style: [0.5, -0.5], variation: [1, -1], seed_pose: 0 }],
     ...changes,
   };

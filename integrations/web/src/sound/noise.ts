@@ -29,7 +29,7 @@ export function noiseTrack(seed: number, first: number, count: number, fps: numb
 }
 
 /** Returns the normal value of a point of the lattice, from two hashes of it (Box and Muller 1958). */
-function normal(seed: number, point: number, channel: number): number {
+export function normal(seed: number, point: number, channel: number): number {
   const mixed = mix(mix(seed) + point);
   const [radius, angle] = [0, 1].map((half) => (mix(mixed + 2 * channel + half) + 0.5) / 2 ** 32);
   return Math.sqrt(-2 * Math.log(radius)) * Math.cos(2 * Math.PI * angle);

@@ -36,6 +36,15 @@ export class RunningMel {
     this.isSound = new Uint8Array(kept);
   }
 
+  /** Lets all sound so far be silence, of a number of samples; the level of 0 dB stays. */
+  restart(numSamples: number): void {
+    this.powers.fill(0);
+    this.isSound.fill(0);
+    this.numColumns = Math.max(Math.floor(numSamples / HOP_LENGTH), 1);
+    this.first = HOP_LENGTH * (this.numColumns - 1);
+    this.samples = new Float32Array(numSamples - this.first);
+  }
+
   /** Adds samples at 16 kHz to the end, and computes the columns that they complete. */
   add(samples: Float32Array): void {
     const known = new Float32Array(this.samples.length + samples.length);

@@ -144,7 +144,7 @@ export function melFilters(sampleRate: number, size: number, numMels: number): M
 }
 
 /** Computes frequencies in Hz, (count,), evenly spaced on Slaney's mel scale from 0 to `highest`. */
-function melFrequencies(count: number, highest: number): Float64Array {
+export function melFrequencies(count: number, highest: number): Float64Array {
   const last = LINEAR_MEL + Math.log(highest / LINEAR_HZ) / LOG_STEP;
   return Float64Array.from({ length: count }, (_, k) => {
     const mel = (last * k) / (count - 1);

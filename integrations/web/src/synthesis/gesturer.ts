@@ -1,13 +1,11 @@
 /** A model that runs in a worker. */
 
 import { checkDescription, type Description } from "../description.js";
-import { checkEnergy } from "../motion/control/effects.js";
 import { Motion } from "../motion/motion.js";
 import { fetchAll } from "./fetching.js";
 import { LiveStream } from "./live-stream.js";
 import { checkNames, type Generated, type Generation, type StreamOptions } from "./options.js";
 import { Port } from "./port.js";
-import { chooseStyle } from "./style.js";
 
 export type { LiveStream, StreamOptions };
 
@@ -92,13 +90,8 @@ export class Gesturer {
   async stream(options: StreamOptions = {}): Promise<LiveStream> {
     const { id, promise } = this.port.begin<number>({ kind: "stream", options });
     const latency = await promise;
-    const { seed = 0 } = options;
-    return new LiveStream(this.port, id, latency, (change) => {
-      checkNames(change, "change");
-      const { energy = 1, muted: _, ...style } = change;
-      checkEnergy(energy);
-      chooseStyle(this.description, style, seed);
-    });
+    const { seed = 0, state = "auto" } = options;
+    return new LiveStream(this.port, id, latency, this.description, seed, state);
   }
 
   /** Ends the worker; what is asked and not answered is rejected. */

@@ -1,7 +1,7 @@
 /** What the worker does: it answers the requests of a page. */
 
 import { generate } from "./generate.js";
-import type { NumberedRequest, Reply } from "./messages.js";
+import type { Frames, NumberedRequest, Reply } from "./messages.js";
 import { Sampler } from "./sampler.js";
 import { Stream } from "./stream.js";
 
@@ -52,12 +52,19 @@ export class Host {
         return { result: stream.latency, transfer: [] };
       }
       case "feed":
-        return this.frames(request.stream, (stream) => stream.feed(request.samples));
+        return this.frames(request.stream, (stream) => stream.feed(request.samples, request.other));
       case "flush":
         return this.frames(request.stream, (stream) => stream.flush());
       case "change":
         await this.inTurn(request.stream, async (stream) => stream.change(request.change));
         return none;
+      case "cue":
+        await this.inTurn(request.stream, async (stream) => stream.cue(request.cue, request.at));
+        return none;
+      case "clear": {
+        const result = await this.inTurn(request.stream, (stream) => stream.clear(request.frame));
+        return { result, transfer: [] };
+      }
       case "close":
         this.streams.delete(request.stream);
         return none;
@@ -65,8 +72,11 @@ export class Host {
   }
 
   private async frames(id: number, call: (stream: Stream) => Promise<Float32Array>) {
-    const result = await this.inTurn(id, call);
-    return { result, transfer: [result.buffer as ArrayBuffer] };
+    const result = await this.inTurn(id, async (stream): Promise<Frames> => {
+      const directions = await call(stream);
+      return { directions, state: stream.state };
+    });
+    return { result, transfer: [result.directions.buffer as ArrayBuffer] };
   }
 
   /** Calls a stream after the calls before are done. */

@@ -1,5 +1,6 @@
 /** What is asked of a model, and what it gives; types that need no network. */
 
+import type { State } from "../motion/states.js";
 import type { StyleOptions } from "./style.js";
 
 /** Frames of speech that a stream hears beyond each frame by default. */
@@ -13,11 +14,12 @@ const STYLE: Names<StyleOptions> = { speaker: true, mixture: true, values: true,
 /** All names of the options of each kind. */
 const NAMES = {
   generation: { ...STYLE, seed: true, energy: true } satisfies Names<Generation>,
-  change: { ...STYLE, energy: true, muted: true } satisfies Names<StreamChange>,
+  change: { ...STYLE, energy: true, muted: true, state: true } satisfies Names<StreamChange>,
   stream: {
     ...STYLE,
     energy: true,
     muted: true,
+    state: true,
     lookAhead: true,
     hop: true,
     seed: true,
@@ -58,6 +60,8 @@ export interface StreamChange extends StyleOptions {
   energy?: number;
   /** Whether the arms rest. */
   muted?: boolean;
+  /** What the body does where the agent does not speak, "auto" by default. */
+  state?: State;
 }
 
 export interface StreamOptions extends StreamChange {

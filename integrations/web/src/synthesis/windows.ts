@@ -159,6 +159,11 @@ export class RunningJoin {
     this.fadeFrames = this.isWhole ? overlap : Math.min(hop + 1, overlap, window - this.first - hop);
   }
 
+  /** Lets the next window be joined to nothing, like the first one. */
+  restart(): void {
+    this.shown = undefined;
+  }
+
   /**
    * Returns the frames that the motion has so far from the first one that this window shows.
    *

@@ -2,7 +2,7 @@
  * Does jobs with a Gesturer whose worker is in this process: `node gesturer.mjs MODEL_FOLDER WASM JOBS.json`.
  *
  * A job has the path `sound`, the path `out` for its directions, and `options`. With `piece` it is a stream that hears
- * so many samples at a time; `changes` has what changes before a piece. With `abort` it is cancelled after a window.
+ * so many samples at a time, and of the path `other` the other person; `changes` has what changes before a piece. With `abort` it is cancelled after a window.
  * stdout gets what was found, as JSON.
  */
 
@@ -21,7 +21,8 @@ interface Job {
   options: object;
   kind?: "mel";
   piece?: number;
-  changes?: Record<number, object>;
+  other?: string;
+  changes?: Record<number, { cue?: [string, number?]; clear?: [number?] }>;
   abort?: boolean;
 }
 
@@ -39,9 +40,13 @@ class InProcessWorker {
   terminate(): void {}
 }
 
+function read(path: string): Float32Array {
+  const file = readFileSync(path);
+  return readSound(file.buffer.slice(file.byteOffset, file.byteOffset + file.length) as ArrayBuffer);
+}
+
 async function run(gesturer: Gesturer, job: Job): Promise<object> {
-  const file = readFileSync(job.sound);
-  const samples = readSound(file.buffer.slice(file.byteOffset, file.byteOffset + file.length) as ArrayBuffer);
+  const samples = read(job.sound);
   if (job.kind === "mel") {
     writeFileSync(job.out, logMel(samples));
     return {};
@@ -60,16 +65,20 @@ async function run(gesturer: Gesturer, job: Job): Promise<object> {
 
 async function stream(gesturer: Gesturer, job: Job, samples: Float32Array): Promise<object> {
   const live = await gesturer.stream(job.options);
+  const other = job.other && read(job.other);
   const calls: Promise<Float32Array>[] = [];
   for (let start = 0; start < samples.length; start += job.piece!) {
-    const change = job.changes?.[calls.length];
-    if (change) live.change(change);
-    calls.push(live.feed(samples.subarray(start, start + job.piece!)));
+    const { cue, clear, ...change } = job.changes?.[calls.length] ?? {};
+    live.change(change);
+    if (cue) live.cue(...cue);
+    if (clear) void live.clear(...clear);
+    const [own, others] = [samples, other].map((sound) => sound && sound.subarray(start, start + job.piece!));
+    calls.push(live.feed(own as Float32Array, others || undefined));
   }
   const parts = await Promise.all([...calls, live.flush()]);
   live.close();
   writeFileSync(job.out, Buffer.concat(parts.map((part) => Buffer.from(part.buffer))));
-  return { latency: live.latency };
+  return { latency: live.latency, state: live.state };
 }
 
 const [folder, wasm, jobs] = process.argv.slice(2);

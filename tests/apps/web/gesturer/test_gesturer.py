@@ -34,7 +34,18 @@ FILES = (
     {"speaker": "speaker-01", "variation": 0, "energy": 1.7},
 )
 STREAMS = (
-    {"piece": 1600, "options": {}},
+    {
+        "piece": 1600,
+        "options": {"seed": 3},
+        "changes": {
+            5: {"state": "think"},
+            12: {"cue": ["wave", 2.5]},
+            50: {"cue": ["nod"]},
+            66: {"state": "think"},
+            95: {"cue": ["point:left", 10.6], "state": "listen"},
+            97: {"cue": ["count:3"], "muted": True},
+        },
+    },
     {
         "piece": 1111,
         "options": {"lookAhead": 8, "hop": 3, "speaker": "speaker-01", "seed": 4, "energy": 1.4},
@@ -81,19 +92,22 @@ def do_jobs(page_program, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def speech_with_a_pause(tmp_path_factory):
-    """A file with four seconds of faint noise, in which a stream rests."""
+    """A file with four seconds of faint noise, in which a stream rests, and one of the other, who speaks in it."""
     samples, rate = soundfile.read(SPEECH, dtype="float32")
+    other = np.random.default_rng(1).normal(0, 1e-4, len(samples)).astype(np.float32)
+    other[4 * rate : 6 * rate] += samples[: 2 * rate]
     samples[4 * rate : 8 * rate] = np.random.default_rng(0).normal(0, 1e-3, 4 * rate)
-    path = tmp_path_factory.mktemp("speech") / "pause.wav"
-    soundfile.write(path, samples, rate, subtype="FLOAT")
-    return path
+    folder = tmp_path_factory.mktemp("speech")
+    for name, sound in (("pause.wav", samples), ("other.wav", other)):
+        soundfile.write(folder / name, sound, rate, subtype="FLOAT")
+    return {"sound": folder / "pause.wav", "other": folder / "other.wav"}
 
 
 @pytest.fixture(scope="module")
 def found(demo_folder, speech_with_a_pause, do_jobs, tmp_path_factory):
     """What a page found for each of FILES and STREAMS."""
     folder = tmp_path_factory.mktemp("motions")
-    jobs = [{"options": options} for options in FILES] + [{"sound": speech_with_a_pause} | job for job in STREAMS]
+    jobs = [{"options": options} for options in FILES] + [speech_with_a_pause | job for job in STREAMS]
     jobs = [{"sound": SPEECH, "out": folder / f"{index}.f32"} | job for index, job in enumerate(jobs)]
     answers = do_jobs(demo_folder, jobs)
     assert not [answer["error"] for answer in answers if "error" in answer]
@@ -127,10 +141,10 @@ def test_a_file(demo_folder, found, index):
 
 @pytest.mark.parametrize("index", range(len(STREAMS)))
 def test_a_stream(found, index, speech_with_a_pause):
-    job = {"sound": speech_with_a_pause} | STREAMS[index]
-    expected, latency = streamed(ha2g_jax.load("demo"), job)
+    expected, stream = streamed(ha2g_jax.load("demo"), speech_with_a_pause | STREAMS[index])
     check_equal(found[len(FILES) + index]["directions"], expected)
-    assert found[len(FILES) + index]["latency"] == pytest.approx(latency)
+    assert found[len(FILES) + index]["latency"] == pytest.approx(stream.latency)
+    assert found[len(FILES) + index]["state"] == stream.state
 
 
 @pytest.mark.parametrize("kind", ["debug", "sampling"])
@@ -149,19 +163,26 @@ def test_a_model_without_hidden_ends(kind, request, do_jobs, tmp_path):
 
 
 def streamed(model, job):
-    """The frames (T, bones, 3) and the latency of a job with Python's stream."""
+    """The frames (T, bones, 3) of a job, and Python's stream that made them."""
     options = dict(job["options"])
     style, controls = Style(speaker=options.pop("speaker", None)), Controls(energy=options.pop("energy", 1.0))
     ahead = {"look_ahead": options.pop("lookAhead")} if "lookAhead" in options else {}
     stream = model.stream(style=style, controls=controls, **ahead, **options)
     samples, frames = read_audio(job["sound"]), []
+    others = read_audio(job["other"]) if "other" in job else None
     for index, start in enumerate(range(0, len(samples), job["piece"])):
         change = job.get("changes", {}).get(index, {})
         stream.muted = change.get("muted", stream.muted)
         stream.controls = Controls(energy=change.get("energy", stream.controls.energy))
         stream.style = Style(speaker=change["speaker"]) if "speaker" in change else stream.style
-        frames.append(stream.feed(samples[start : start + job["piece"]]))
-    return np.concatenate([*frames, stream.flush()]), stream.latency
+        stream.state = change.get("state", stream.state)
+        if "cue" in change:
+            stream.cue(*change["cue"])
+        if "clear" in change:
+            stream.clear(*change["clear"])
+        end = start + job["piece"]
+        frames.append(stream.feed(samples[start:end], None if others is None else others[start:end]))
+    return np.concatenate([*frames, stream.flush()]), stream
 
 
 def test_requests_that_fail_do_no_harm(demo_folder, do_jobs, tmp_path):

@@ -13,11 +13,16 @@ import { scaleAbout, scaleAboutMeans } from "./scaling.js";
 
 export const EASE_SECONDS = 0.5;
 
-/** Values that go to new ones within half a second, along a minimum-jerk curve. */
+/** Returns an object of the same class with the same values. */
+export function copyOf<T extends object>(value: T): T {
+  return Object.assign(Object.create(Object.getPrototypeOf(value)), value);
+}
+
+/** Values (n,), `values`, that go to new ones within half a second, along a minimum-jerk curve. */
 export class Ramp {
   private target: Numbers;
   private start: Numbers;
-  private values: Numbers;
+  values: Numbers;
   private readonly frames: number;
   private frame = 0;
 
@@ -54,12 +59,12 @@ export class Ramp {
  * exponential mean with a time constant of two seconds. Changes are eased over half a second.
  */
 export class RunningControls {
-  private readonly ramp: Ramp;
+  private ramp: Ramp;
   private readonly leastWeight: number;
   private readonly rest: Numbers;
   private readonly parts: Part[];
   private readonly arms: Part[][];
-  private readonly sum: Numbers;
+  private sum: Numbers;
   private numFrames = 0;
 
   /**
@@ -74,6 +79,18 @@ export class RunningControls {
     this.parts = parts(skeleton);
     this.arms = SIDES.map((side) => armParts(skeleton, side));
     this.sum = new Float64Array(this.rest.length);
+  }
+
+  /** Returns controls that go on from here on their own. */
+  copy(): RunningControls {
+    const copy = copyOf(this);
+    [copy.ramp, copy.sum] = [copyOf(this.ramp), this.sum.slice()];
+    return copy;
+  }
+
+  /** Weight of the motion of the arms in the last frame, 0 where they rest. */
+  get arm(): number {
+    return this.ramp.values[1];
   }
 
   /**
