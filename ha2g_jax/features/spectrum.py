@@ -273,9 +273,14 @@ class RunningMel:
         self._is_running = reference is None
         self._powers = np.zeros((num_columns, NUM_MELS), np.float32)  # the latest column last; silence before the first
         self._is_sound = np.zeros(num_columns, bool)  # of the same columns
-        self._num_columns = 1  # that were computed since the start; the first one is silence
-        self._samples = np.zeros(0, np.float32)  # those that later columns need, from number `_first` on
-        self._first = 0
+        self.restart(0)
+
+    def restart(self, num_samples: int) -> None:
+        """Let all sound so far be silence, of a number of samples; the level of 0 dB stays."""
+        self._powers[:], self._is_sound[:] = 0, False
+        self._num_columns = max(num_samples // HOP_LENGTH, 1)  # since the start; the first one is silence
+        self._first = HOP_LENGTH * (self._num_columns - 1)  # number of the first of the samples for later columns
+        self._samples = np.zeros(num_samples - self._first, np.float32)
 
     def add(self, samples: np.ndarray) -> None:
         """Add samples (samples,) float32 at 16 kHz to the end, and compute the columns that they complete."""

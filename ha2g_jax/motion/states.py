@@ -4,6 +4,7 @@ A state is a row of amounts, `POSTURES`. They go to new values along a curve of 
 within `EASE` seconds, from any moment on, and all are 0 where the motion is that of speech, which so stays as it is.
 """
 
+import copy
 import functools
 import math
 from typing import NamedTuple
@@ -95,6 +96,12 @@ class RunningStates:
         self._weight = weight
         amounts = self._ramp.step(target)
         return self._moved(frame, number, amounts, nod, arms) if amounts.any() else frame
+
+    def copy(self) -> "RunningStates":
+        """Return states that go on from the same frame."""
+        other = copy.copy(self)
+        other._ramp = copy.copy(self._ramp)
+        return other
 
     def _moved(self, frame: np.ndarray, number: int, amounts: np.ndarray, nod: float, arms: np.ndarray) -> np.ndarray:
         shift, lean, ahead, nods, aside, down, *raised = amounts.tolist()

@@ -97,6 +97,10 @@ class RunningJoin:
         self._fade = overlap if self._is_whole else min(hop + 1, overlap, window - self.first - hop)
         self._shown: np.ndarray | None = None
 
+    def restart(self) -> None:
+        """Let the next window be joined to nothing, like the first one."""
+        self._shown = None
+
     def add(self, window: np.ndarray) -> np.ndarray:
         """Return the frames (N - first, bones, 3) from this window's first on, of which the first `hop` are final."""
         shown = np.array(window[self.first :], np.float32)

@@ -12,6 +12,8 @@ generator is not run. What a state adds to such frames, as shifts, a nod or a ra
 are returned, not to those that the generator continues; so it does not change the motion of speech.
 """
 
+import collections
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,6 +37,7 @@ from ha2g_jax.motion.cues import Cue, RunningCues, check_cue, keyframes_of
 from ha2g_jax.motion.idle import idle
 from ha2g_jax.motion.resample import num_frames, slerp
 from ha2g_jax.motion.rotations import unit
+from ha2g_jax.motion.smoothing import minimum_jerk
 from ha2g_jax.motion.states import ATTENTION, RunningStates, nod_depths
 from ha2g_jax.motion.windows import DEFAULT_HOP, DEFAULT_LOOK_AHEAD, RunningJoin
 from ha2g_jax.skeleton import Skeleton
@@ -44,6 +47,7 @@ from ha2g_jax.synthesis.style import RANDOM, Style, choose_style
 _MAX_SKIP_SECONDS = 3600.0
 _PAUSE_SECONDS = 0.3  # after the last sound, and before the hands begin to rest
 _REST_WINDOWS = 3  # of silence until a model is at rest
+_REMEMBERED_SECONDS = 60  # of returned frames, to which `Stream.clear` can go back
 
 
 class _Frame(NamedTuple):
@@ -53,6 +57,13 @@ class _Frame(NamedTuple):
     weight: float
     is_addressed: bool = False
     nod: float = 0.0
+
+
+class _Returned(NamedTuple):
+    """The pose of a frame that was returned, without what the layers added, and these as they were before it."""
+
+    pose: np.ndarray
+    layers: tuple[RunningControls, RunningStates, RunningCues]
 
 
 class Stream:
@@ -98,9 +109,11 @@ class Stream:
         self._style_ramp = Ramp(self._f_id, self.fps)
         self._rest_ramp = Ramp(self._rest_pose.ravel(), self.fps)
         self._weight_ramp: Ramp | None = None  # of the motion, from rest; begins at the first frame
-        self._running_controls = RunningControls(self.skeleton, self.fps, controls)
-        self._cues = RunningCues(self.skeleton, self.fps)
-        self._states = RunningStates(self.skeleton, self.fps, seed)
+        self._layers = (  # on the frames that are returned
+            RunningControls(self.skeleton, self.fps, controls),
+            RunningStates(self.skeleton, self.fps, seed),
+            RunningCues(self.skeleton, self.fps),
+        )
         self._phrases: Phrases | None = None  # of the other; begin with the first samples of the other
         first = spec.num_seed_frames
         if not has_hidden_ends:  # the window ends where the speech that is heard ends
@@ -111,8 +124,12 @@ class Stream:
         # The frames before the next new one, from the start of its window on.
         pose = self._start_pose
         self._past = np.concatenate([pose[:1]] * max(first - len(pose), 0) + [pose])
-        self._num_samples = self._num_runs = self._num_returned = 0
-        self._held: list[_Frame] = []
+        self._num_samples = self._num_made = self._num_returned = 0
+        self._held: list[_Frame] = []  # frames that were made
+        self._expected = [_Frame(pose, 0.0) for pose in self._past[self._join.first :]]  # as the next ones may become
+        self._dropped, self._first_dropped = self._past[:0], 0  # poses of frames from which a clear goes on
+        recent = [_Returned(pose, self._layers) for pose in self._past[: self._join.first]]
+        self._recent = collections.deque(recent, self._join.first + _REMEMBERED_SECONDS * self.fps)
         self._is_ended = False
 
     @property
@@ -172,11 +189,11 @@ class Stream:
         Raises:
             UserError: the state is none of these.
         """
-        return self._states.state
+        return self._layers[1].state
 
     @state.setter
     def state(self, state: str) -> None:
-        self._states.state = state
+        self._layers[1].state = state
 
     def feed(self, samples: np.ndarray, other: np.ndarray | None = None) -> np.ndarray:
         """Take the next samples, and return the frames that became final.
@@ -203,7 +220,7 @@ class Stream:
             other = np.zeros_like(samples)
         frames = [*self._held]
         start = 0
-        while (end := start + self._needed() - self._num_samples) <= len(samples):
+        while (end := start + max(self._needed() - self._num_samples, 0)) <= len(samples):
             self._hear(samples[start:end], None if other is None else other[start:end])
             frames += self._run()[: self.hop]
             start = end
@@ -227,7 +244,7 @@ class Stream:
         asked = check_cue(asked if at is None else asked._replace(time=at))
         if asked.word is not None:
             raise UserError(f"the cue {asked.name} is on a word, and a stream has none; give a time, or leave both out")
-        self._cues.add(keyframes_of(asked.name, self.skeleton, self.fps), asked.time)
+        self._layers[2].add(keyframes_of(asked.name, self.skeleton, self.fps), asked.time)
 
     def skip(self, seconds: float) -> np.ndarray:
         """Bridge a gap in the speech with silence, and return the frames that became final.
@@ -244,6 +261,50 @@ class Stream:
         lengths = [SAMPLE_RATE] * (count // SAMPLE_RATE) + [count % SAMPLE_RATE]
         return np.concatenate([self.feed(np.zeros(length, np.float32)) for length in lengths])
 
+    def clear(self, frame: int | None = None) -> int:
+        """Drop speech that shall not be shown, as that of an agent who is interrupted, and cues that have not begun.
+
+        The motion goes on from the pose of the frame before. Within half a second (8 frames at 15 per second) it is that
+        of a stream that never heard the speech before: at rest where silence follows, and gesturing where the next sound
+        is. Numbers of frames and their times go on.
+
+        Args:
+            frame: None, where sound is fed as it is heard: the agent's sound whose frames were not returned becomes
+                silence, and the next sample has the time that it would have had. Where sound is fed ahead of time: the
+                first frame that shall not be shown. Sound from its time on is dropped, and the next sample is heard at
+                frame / fps.
+
+        Returns:
+            The number of the frame that the next `feed` begins with; those returned from it on should be dropped.
+
+        Raises:
+            UserError: the stream has ended, or the frame is neither the next one nor one of those that were returned
+                in the last minute.
+        """
+        self._check_open()
+        first = self._num_returned if frame is None else frame
+        oldest = max(self._num_returned - _REMEMBERED_SECONDS * self.fps, 0)
+        if not oldest <= first <= self._num_returned:
+            raise UserError(f"frame {first} is not remembered; clear one of {oldest} to {self._num_returned}")
+        course = np.stack([each.pose for each in (*self._recent, *self._held, *self._expected)])
+        start = len(self._recent) - (self._num_returned - first)  # of frame `first` in it
+        frames = start - self._join.first + np.arange(len(self._past))
+        self._past = course[np.minimum(frames, len(course) - 1)]
+        frames = start + np.arange(math.ceil(EASE * self.fps) - 1)
+        self._dropped, self._first_dropped = course[np.minimum(frames, len(course) - 1)], first
+        state = self.state
+        while self._num_returned > first:
+            self._layers = self._recent.pop().layers
+            self._num_returned -= 1
+        self.state = state
+        self._layers[2].drop_waiting()
+        self._held, self._expected, self._num_made, self._weight_ramp = [], [], first, None
+        self._join.restart()
+        if frame is not None:
+            self._num_samples, self._phrases = min(first * SAMPLE_RATE // self.fps, self._num_samples), None
+        self._mel.restart(self._num_samples)
+        return first
+
     def flush(self) -> np.ndarray:
         """End the stream, and return the rest of the frames; after the end of the speech there is silence.
 
@@ -257,7 +318,7 @@ class Stream:
         self._is_ended = True
         count = num_frames(self._num_samples / SAMPLE_RATE, self.fps)
         frames = [*self._held]
-        while (missing := count - self._num_runs * self.hop) > 0:
+        while (missing := count - self._num_made) > 0:
             shown = self._run()
             if missing <= len(shown):  # the rest is in this window
                 frames += shown[:missing]
@@ -269,7 +330,7 @@ class Stream:
         """Generate the next window, and return the frames from its first new one on."""
         style = np.asarray(self._style_ramp.step(self._f_id, self.hop), np.float32)
         pose = unit(self._rest_ramp.step(self._rest_pose.ravel(), self.hop).reshape(self._rest_pose.shape))
-        start = self._num_runs * self.hop - self._join.first
+        start = self._num_made - self._join.first
         rest = idle(self.skeleton, pose, self._seed, start + np.arange(self.spec.num_frames), self.fps)
         weights = self._weights()
         if weights.any():
@@ -286,15 +347,26 @@ class Stream:
         else:
             self._past = new[self.hop :]
         rest, weights = rest[self._join.first :], weights[self._join.first :]
-        shown = self._rested(self._join.add(window), rest, weights)
-        frames = self._num_runs * self.hop + np.arange(len(shown))
-        self._num_runs += 1
+        shown = self._eased(self._rested(self._join.add(window), rest, weights))
+        numbers = self._num_made + np.arange(len(shown))
         if self._phrases is None:
-            return [_Frame(pose, weight) for pose, weight in zip(shown, weights.tolist(), strict=True)]
-        spans = frames[:, None] / self.fps + np.array([-ATTENTION, EASE])
-        is_addressed = [self._phrases.has_voice(*span) for span in spans.tolist()]
-        nods = nod_depths(self._phrases.ends, frames, self.fps).tolist()
-        return [_Frame(*frame) for frame in zip(shown, weights.tolist(), is_addressed, nods, strict=True)]
+            frames = [_Frame(pose, weight) for pose, weight in zip(shown, weights.tolist(), strict=True)]
+        else:
+            spans = numbers[:, None] / self.fps + np.array([-ATTENTION, EASE])
+            is_addressed = [self._phrases.has_voice(*span) for span in spans.tolist()]
+            nods = nod_depths(self._phrases.ends, numbers, self.fps).tolist()
+            frames = [_Frame(*frame) for frame in zip(shown, weights.tolist(), is_addressed, nods, strict=True)]
+        self._num_made += self.hop
+        self._expected = frames[self.hop :]
+        return frames
+
+    def _eased(self, poses: np.ndarray) -> np.ndarray:
+        """Return the next poses (T, bones, 3) as they go on from those that a clear has dropped."""
+        since = self._num_made - self._first_dropped
+        dropped = self._dropped[since : since + len(poses)]
+        weights = minimum_jerk((since + 1 + np.arange(len(dropped))) / (len(self._dropped) + 1))
+        mixed = slerp(dropped, poses[: len(dropped)], weights[:, None, None])
+        return np.concatenate([mixed, poses[len(dropped) :]], dtype=np.float32)
 
     @staticmethod
     def _rested(motion: np.ndarray, rest: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -306,7 +378,7 @@ class Stream:
 
         Frames after the next `hop` ones have the last weight; they are generated again, or the speech has ended.
         """
-        first = self._num_runs * self.hop
+        first = self._num_made
         frames = np.arange(first, first + self.hop)
         if self._is_ended:  # what would follow the speech is not silence in it
             frames = np.minimum(frames, num_frames(self._num_samples / SAMPLE_RATE, self.fps) - 1)
@@ -339,7 +411,7 @@ class Stream:
 
     def _heard(self) -> int:
         """Return the number of frames whose time must have passed before the next run."""
-        return (self._num_runs + 1) * self.hop - 1 + self.look_ahead
+        return self._num_made + self.hop - 1 + self.look_ahead
 
     def _needed(self) -> int:
         """Return the number of samples that the next run hears."""
@@ -357,13 +429,20 @@ class Stream:
         self._held = frames[final:]
         returned = np.zeros((len(frames[:final]), self.spec.skeleton.num_bones, 3), np.float32)
         for place, frame in enumerate(frames[:final]):
-            pose = self._running_controls.apply(frame.pose[None], self._controls, is_muted=self.muted)[0]
-            arms, number = self._running_controls.arms, self._num_returned
-            returned[place] = self._states.apply(
-                pose, number, frame.weight, frame.nod, is_addressed=frame.is_addressed, arms=arms
+            controls, states, cues = self._layers
+            self._recent.append(_Returned(frame.pose.copy(), (controls.copy(), states.copy(), cues.copy())))
+            pose = controls.apply(frame.pose[None], self._controls, is_muted=self.muted)[0]
+            pose = states.apply(
+                pose,
+                self._num_returned,
+                frame.weight,
+                frame.nod,
+                is_addressed=frame.is_addressed,
+                arms=controls.arms,
             )
+            returned[place] = cues.apply(pose[None])[0]
             self._num_returned += 1
-        return self._cues.apply(returned)
+        return returned
 
     def _checked(self, samples: np.ndarray) -> np.ndarray:
         self._check_open()

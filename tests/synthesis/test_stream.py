@@ -1,5 +1,6 @@
 """A stream gives the frames that a file would, early, and no frame from a sample that it may not know."""
 
+import collections
 import dataclasses
 import itertools
 from typing import Any
@@ -152,7 +153,7 @@ def _held_bytes(value: Any, seen: set[int]) -> int:
     seen.add(id(value))
     if isinstance(value, np.ndarray):
         return value.nbytes
-    if isinstance(value, list | tuple | dict):
+    if isinstance(value, list | tuple | dict | collections.deque):
         return sum(_held_bytes(item, seen) for item in (value.values() if isinstance(value, dict) else value))
     own = type(value).__module__.startswith(("ha2g_jax.synthesis.stream", "ha2g_jax.features", "ha2g_jax.motion"))
     return _held_bytes(vars(value), seen) if own and hasattr(value, "__dict__") else 0
@@ -162,7 +163,7 @@ def _held_bytes(value: Any, seen: set[int]) -> int:
 def test_the_memory_of_a_stream_does_not_grow(debug_model, hop):
     stream, sizes = debug_model.stream(hop=hop), []
     for _ in range(3):
-        stream.feed(speech(60))
+        stream.feed(speech(64))
         sizes.append(_held_bytes(stream, {id(debug_model.variables), id(debug_model.assets), id(stream.spec)}))
     assert sizes[0] > 50_000
     assert max(sizes) - min(sizes) < 5_000 + 4 * 42 * 3 * hop  # samples of a column, and frames that are held
@@ -313,6 +314,72 @@ def test_a_style_takes_effect_with_the_next_frames(debug_model):
     frames = np.concatenate([first, stream.feed(speech(3)[16000:]), stream.flush()])
     np.testing.assert_array_equal(frames[: len(first)], plain[: len(first)])
     assert np.abs(frames[len(first) + HALF_SECOND :] - plain[len(first) + HALF_SECOND :]).max() > 1e-3
+
+
+def interrupted(model, cuts=(), frame=None, **options) -> np.ndarray:
+    """The frames shown of 3 s of speech, a clear, 2.5 s of silence and 2 s of speech, which are cut at some samples."""
+    stream = model.stream(**options)
+    spoken, then = speech(3), np.concatenate([np.zeros(40000, np.float32), speech(2, 1)])
+    before = np.concatenate([stream.feed(part) for part in np.split(spoken, cuts)])
+    shown = before[: stream.clear(frame)]
+    return np.concatenate([shown, *(stream.feed(part) for part in np.split(then, cuts)), stream.flush()])
+
+
+@pytest.mark.parametrize(
+    ("frame", "options", "is_trained"),
+    [
+        (None, {}, True),
+        (None, {"look_ahead": 0, "hop": 1}, False),
+        (4, {"hop": 4}, False),
+        (22, {"look_ahead": 3}, True),
+        (0, {"hop": 30}, False),
+    ],
+)
+def test_what_was_cleared_is_forgotten_within_eight_frames(debug_model, trained_model, frame, options, is_trained):
+    """The motion is that of a stream without it at the same times, and goes on without a step in pose or speed."""
+    model = trained_model if is_trained else debug_model
+    options = {"reference": 15.0, "controls": Controls(extent=0.8)} | options
+    spoken = streamed(model, speech(5), **options)
+    frames = interrupted(model, frame=frame, **options)
+    first = frame
+    if first is None:  # the next sample has the time that it would have had
+        first = len(model.stream(**options).feed(speech(3)))
+    silence = np.zeros(48000 if frame is None else first * SAMPLE_RATE // FPS, np.float32)
+    expected = streamed(model, np.concatenate([silence, np.zeros(40000, np.float32), speech(2, 1)]), **options)
+    assert len(frames) == len(expected)
+    np.testing.assert_array_equal(frames[:first], spoken[:first])
+    np.testing.assert_allclose(frames[first + 7 :], expected[first + 7 :], atol=1e-5)
+    steps = np.linalg.norm(np.diff(frames, axis=0), axis=-1).max(axis=-1)
+    usual = np.linalg.norm(np.diff(spoken, axis=0), axis=-1).max()
+    away = np.linalg.norm(expected[first : first + 8] - spoken[first : first + 8], axis=-1).max()
+    assert steps[max(first - 1, 0) : first + 8].max() < usual + 0.3 * away
+
+
+@pytest.mark.parametrize("frame", [None, 21])
+def test_bytes_after_a_clear_do_not_depend_on_the_cuts(debug_model, frame):
+    cuts = np.sort(np.random.default_rng(0).integers(0, 48000, 40))
+    expected = interrupted(debug_model, frame=frame)
+    assert interrupted(debug_model, cuts, frame).tobytes() == expected.tobytes()
+
+
+def test_a_clear_goes_back_to_the_controls_of_its_frame(debug_model):
+    """The running mean about which energy scales is that of the frames that were shown."""
+    stream, other = (debug_model.stream(controls=Controls(energy=1.5)) for _ in range(2))
+    first = len(other.feed(speech(3)))
+    stream.feed(np.concatenate([speech(3), speech(9, 2, 0.3)]))
+    assert (stream.clear(first), other.clear(first)) == (first, first)
+    rest, expected = (each.feed(np.zeros(48000, np.float32)) for each in (stream, other))
+    np.testing.assert_allclose(rest[0], expected[0], atol=0.02)
+    np.testing.assert_allclose(rest[20:], expected[20:], atol=0.02)
+
+
+def test_a_clear_goes_back_a_minute(debug_model):
+    stream = debug_model.stream(hop=26)
+    count = len(stream.feed(speech(70)))
+    for frame in (count - 901, count + 1, -1):
+        with pytest.raises(UserError, match=f"frame {frame} is not remembered; clear one of {count - 900} to {count}"):
+            stream.clear(frame)
+    assert stream.clear(count - 900) == count - 900
 
 
 def test_arguments_are_checked_and_after_the_end_is_no_more(debug_model):

@@ -4,6 +4,7 @@ With a neutral setting each function returns its input. Directions are (T, bones
 frame k shows the time k / fps.
 """
 
+import copy
 import math
 from collections.abc import Sequence
 
@@ -174,6 +175,12 @@ class RunningControls:
         target = _amounts(controls, is_muted)
         frames = [self._frame(np.asarray(frame, np.float32)[None], self._ramp.step(target)) for frame in directions]
         return np.concatenate([np.zeros((0, *directions.shape[1:]), np.float32), *frames])
+
+    def copy(self) -> "RunningControls":
+        """Return controls that go on from the same frame."""
+        other = copy.copy(self)
+        other._ramp, other._sum = copy.copy(self._ramp), self._sum.copy()
+        return other
 
     @property
     def arms(self) -> np.ndarray:

@@ -1,5 +1,6 @@
 """Blending of gestures into a motion that goes on, frame by frame; a file takes the same way as a stream."""
 
+import copy
 import dataclasses
 import math
 from collections.abc import Iterable
@@ -66,7 +67,7 @@ class RunningCues:
     turns faster than `MAX_SPEED`.
 
     Attributes:
-        frame: number of the next frame of the motion; it may be set back.
+        frame: number of the next frame of the motion.
     """
 
     def __init__(self, skeleton: Skeleton, fps: float, before: np.ndarray | None = None):
@@ -80,6 +81,16 @@ class RunningCues:
         """Add a gesture whose peak is at a time of the motion in seconds; None is as soon as possible."""
         peak = None if time is None else round(time * self._fps)
         self._cues.append(_Running(keys, peak, [*keys.poses, *keys.turns]))
+
+    def copy(self) -> "RunningCues":
+        """Return gestures that go on from the same frame."""
+        other = copy.copy(self)
+        other._cues = [dataclasses.replace(cue, rotations=dict(cue.rotations)) for cue in self._cues]
+        return other
+
+    def drop_waiting(self) -> None:
+        """Drop the gestures that have not begun."""
+        self._cues = [cue for cue in self._cues if cue.ramp is not None]
 
     def apply(self, directions: np.ndarray) -> np.ndarray:
         """Return the next frames (n, bones, 3) with gestures, float32 unit vectors; without any, the same array."""
