@@ -264,9 +264,9 @@ class Stream:
     def clear(self, frame: int | None = None) -> int:
         """Drop speech that shall not be shown, as that of an agent who is interrupted, and cues that have not begun.
 
-        The motion goes on from the pose of the frame before. Within half a second (8 frames at 15 per second) it is that
-        of a stream that never heard the speech before: at rest where silence follows, and gesturing where the next sound
-        is. Numbers of frames and their times go on.
+        The motion goes on from the pose of the frame before. Within half a second, 8 frames at 15 per second, it is
+        that of a stream that never heard the speech before: at rest where silence follows, and gesturing where the next
+        sound is. Numbers of frames and their times go on.
 
         Args:
             frame: None, where sound is fed as it is heard: the agent's sound whose frames were not returned becomes

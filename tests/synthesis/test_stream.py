@@ -329,7 +329,7 @@ def interrupted(model, cuts=(), frame=None, **options) -> np.ndarray:
     ("frame", "options", "is_trained"),
     [
         (None, {}, True),
-        (None, {"look_ahead": 0, "hop": 1}, False),
+        (None, {"look_ahead": 0}, False),
         (4, {"hop": 4}, False),
         (22, {"look_ahead": 3}, True),
         (0, {"hop": 30}, False),
@@ -364,7 +364,7 @@ def test_bytes_after_a_clear_do_not_depend_on_the_cuts(debug_model, frame):
 
 def test_a_clear_goes_back_to_the_controls_of_its_frame(debug_model):
     """The running mean about which energy scales is that of the frames that were shown."""
-    stream, other = (debug_model.stream(controls=Controls(energy=1.5)) for _ in range(2))
+    stream, other = (debug_model.stream(hop=13, controls=Controls(energy=1.5)) for _ in range(2))
     first = len(other.feed(speech(3)))
     stream.feed(np.concatenate([speech(3), speech(9, 2, 0.3)]))
     assert (stream.clear(first), other.clear(first)) == (first, first)
