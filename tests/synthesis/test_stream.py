@@ -329,7 +329,7 @@ def interrupted(model, cuts=(), frame=None, **options) -> np.ndarray:
     ("frame", "options", "is_trained"),
     [
         (None, {}, True),
-        (None, {"look_ahead": 0}, False),
+        (None, {"look_ahead": 0, "hop": 3}, False),
         (4, {"hop": 4}, False),
         (22, {"look_ahead": 3}, True),
         (0, {"hop": 30}, False),
