@@ -111,7 +111,7 @@ def body_directions(skeleton: skeletons.Skeleton, body: Body) -> np.ndarray:
     return directions
 
 
-def reach(skeleton: skeletons.Skeleton, wrists: np.ndarray, swivel: np.ndarray) -> np.ndarray:
+def reach(skeleton: skeletons.Skeleton, wrists: np.ndarray, swivel: np.ndarray, farthest: float = 0.98) -> np.ndarray:
     """Find the arm angles that put the wrist at points: (T, 4) flexion, abduction, rotation and elbow in degrees.
 
     Args:
@@ -119,13 +119,13 @@ def reach(skeleton: skeletons.Skeleton, wrists: np.ndarray, swivel: np.ndarray) 
             forward; a point out of reach is moved along its direction into reach.
         swivel: (T,) rotation of the elbow about the line from shoulder to wrist, in degrees; 0 is down and back,
             positive is outward.
+        farthest: the greatest distance of the wrist from the shoulder, in lengths of the arm.
     """
     upper_length = float(skeleton.lengths[skeleton.bone("left_elbow")])
     fore_length = float(skeleton.lengths[skeleton.bone("left_wrist")])
     target = wrists * np.array([1.0, -1.0, -1.0])
     length = np.linalg.norm(target, axis=-1, keepdims=True)
-    farthest = 0.98 * (upper_length + fore_length)
-    distance = -at_least(-at_least(length, _NEAREST_WRIST), -farthest)
+    distance = -at_least(-at_least(length, _NEAREST_WRIST), -farthest * (upper_length + fore_length))
     axis = target / length
     cosine = (upper_length**2 + distance**2 - fore_length**2) / (2 * upper_length * distance)
     below = _perpendicular(_ELBOW_POLE, axis)

@@ -63,19 +63,22 @@ def test_every_gesture_peaks_on_time_and_touches_only_its_limbs(name):
 
 
 def test_gestures_have_the_shape_that_their_names_say():
-    wrists, tips = {}, {}
+    wrists, uppers, tips = {}, {}, {}
     for gesture in ("point:left", "point:right", "point:up", "point:front", "thumb", "shrug"):
         pose = SKELETON.mean_directions.copy()
-        for limb, poses in cues.keyframes(SKELETON, gesture).poses.items():
-            pose[bones(limb)] = poses[0]
+        keys = cues.keyframes(SKELETON, gesture)
+        for limb, poses in keys.poses.items():
+            pose[bones(limb)] = poses[keys.times.tolist().index(0.0)]
         for side in ("left", "right"):
             wrists[gesture, side] = pose[SKELETON.bone(f"{side}_wrist")]
+            uppers[gesture, side] = pose[SKELETON.bone(f"{side}_elbow")]
             tips[gesture, side] = pose[SKELETON.bone(f"{side}_index_3")], pose[SKELETON.bone(f"{side}_thumb_3")]
     expected = {"left": [1, 0, 0], "right": [-1, 0, 0], "up": [0, -1, 0], "front": [0, 0, -1]}
     for where, axis in expected.items():  # x is to the left, y down
         side = "left" if where == "left" else "right"
         assert wrists[f"point:{where}", side] @ axis > 0.7
         assert tips[f"point:{where}", side][0] @ axis > 0.7
+        assert wrists[f"point:{where}", side] @ uppers[f"point:{where}", side] > np.cos(np.deg2rad(15))
     assert tips["thumb", "right"][1] @ [0, -1, 0] > 0.6
     fingers = [f"right_{finger}_3" for finger in ("thumb", "index", "middle", "ring", "pinky")]
     for count in range(1, 6):

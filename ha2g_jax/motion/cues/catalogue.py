@@ -17,6 +17,7 @@ from ha2g_jax.skeleton import Skeleton, load_skeleton
 _FACING = np.array([1.0, -1.0, -1.0])  # `export_axes` of TED-Expressive
 _HANDS = {**anatomy.HAND_SHAPES, "index": (0.75, 0.0, 1.0, 1.0, 1.0), "soft": (0.15, 0.12, 0.16, 0.2, 0.22)}
 _HOLD = 0.95  # weight after the peak, where a limb lives on with the speech
+_STRAIGHT = 0.995  # distance of the wrist of a straight arm, in lengths of the arm
 _DECIMALS = 4  # of the JSON form
 
 
@@ -105,7 +106,7 @@ def _waving(outward: float, deviation: float) -> _Key:
 
 
 _BENT = (22.0, 0.0, 0.0)
-_RAISED, _UP = _Arm((0.10, 0.02, 0.34), "index", 80), _Arm((0.08, 0.59, 0.28), "index", -75, 5)
+_RAISED, _UP = _Arm((0.10, 0.02, 0.34), "index", 80), _Arm((0.09, 0.65, 0.31), "index", -75, 5)
 _ENTRIES = {
     "nod": _Entry("", -0.28, 0.75, {0.0: _head(16), 0.22: _head(-3), 0.42: _head(8), 0.68: _head()}),
     "shake": _Entry(
@@ -120,15 +121,15 @@ _ENTRIES = {
         left_shoulder=(0.0, 0.0, -14.0),
         right_shoulder=(0.0, 0.0, 14.0),
     ),
-    "point:left": _hold("left", _Arm((0.64, 0.04, 0.22), "index", 75), head=(0.0, -14.0, 0.0)),
-    "point:right": _hold("right", _Arm((0.64, 0.04, 0.22), "index", 75), head=(0.0, 14.0, 0.0)),
+    "point:left": _hold("left", _Arm((0.67, 0.02, 0.26), "index", 75), head=(0.0, -14.0, 0.0)),
+    "point:right": _hold("right", _Arm((0.67, 0.02, 0.26), "index", 75), head=(0.0, 14.0, 0.0)),
     "point:up": _Entry(  # the arm rises in front of the body
         "one",
         -0.85,
         1.5,
         {-0.38: _Key(_RAISED, {}), 0.0: _Key(_UP, {}), 0.6: _Key(_UP, {}), 0.98: _Key(_RAISED, {})},
     ),
-    "point:front": _hold("one", _Arm((0.02, -0.06, 0.66), "index")),
+    "point:front": _hold("one", _Arm((0.02, -0.06, 0.73), "index")),
     "point:self": _hold("one", _Arm((-0.05, -0.15, 0.24), "index", -10, -60, 15, 50)),
     **{
         f"count:{number}": _count(hand)
@@ -198,7 +199,7 @@ def _arm_poses(skeleton: Skeleton, arms: list[_Arm], side: str) -> np.ndarray:
     count = len(arms)
     angles = np.zeros((count, 2, len(anatomy.ARM_LIMITS)))
     wrists, swivels = np.array([arm.wrist for arm in arms]), np.array([arm.swivel for arm in arms])
-    angles[..., :4] = anatomy.reach(full, wrists, swivels)[:, None]
+    angles[..., :4] = anatomy.reach(full, wrists, swivels, _STRAIGHT)[:, None]
     angles[..., 4:] = np.array([(arm.pronation, arm.extension, arm.deviation) for arm in arms])[:, None]
     fingers = np.repeat(np.array([_HANDS[arm.hand] for arm in arms])[:, None], 2, axis=1)
     still = np.zeros((count, 3))
