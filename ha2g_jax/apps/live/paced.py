@@ -1,0 +1,129 @@
+"""Motion of an agent in a conversation: a stream that keeps the pace of the clock, beside a program of asyncio."""
+
+import asyncio
+import collections
+import itertools
+import math
+from collections.abc import Awaitable, Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from ha2g_jax.apps.live.sources import Resampler
+from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.motion.cues import Cue
+from ha2g_jax.synthesis.stream import Stream
+
+_WAITING = SAMPLE_RATE // 5  # samples of the other that may wait, as after a stall of the network
+
+
+class PacedStream:
+    """A stream that hears the two voices of a conversation as time passes, and shows each frame at its time.
+
+    Sound may be appended as fast as a speech service makes it: it waits, and is heard as fast as it is played. Where a
+    voice has no sound, it is silent. A frame is shown `stream.latency` seconds after its moment is heard, and the sound
+    of that moment is to be played then.
+
+    Args:
+        stream: stream of `Model.stream`, which nothing else uses from now on.
+        show: coroutine function that takes the number of a frame, which shows the time number / fps, and its directions
+            (bones, 3). It is called once for each frame, in order.
+    """
+
+    def __init__(self, stream: Stream, show: Callable[[int, np.ndarray], Awaitable[None]]) -> None:
+        self._stream, self._show = stream, show
+        self._own, self._other = _Voice(), _Voice()
+        self._changes: list[Callable[[], Any]] = []
+        self._fed = self._shown = 0  # samples and frames
+        self._begun = 0.0
+        self._frames: collections.deque[np.ndarray] = collections.deque()  # that are not shown yet
+
+    def say(self, pcm: bytes, rate: int) -> float:
+        """Append sound of the agent.
+
+        Args:
+            pcm: 16 bits, little-endian, mono.
+            rate: samples per second.
+
+        Returns:
+            Time of the frame, in seconds, with which the agent's sound up to the next silence begins. Sound may be sent
+            to a player when this frame is shown.
+        """
+        if not self._own.is_waiting:
+            self._begun = self._fed / SAMPLE_RATE
+        self._own.put(pcm, rate)
+        return self._begun
+
+    def hear(self, pcm: bytes, rate: int) -> None:
+        """Append sound of the person who is spoken with, of the form of `say`."""
+        self._other.put(pcm, rate)
+
+    def change(self, **attributes: Any) -> None:
+        """Assign attributes of the stream, such as `state`, `controls` or `style`, before the next frame."""
+        self._changes += [partial(setattr, self._stream, name, value) for name, value in attributes.items()]
+
+    def cue(self, cue: Cue | str, at: float | None = None) -> None:
+        """Give the stream a cue before the next frame, see `Stream.cue`."""
+        self._changes.append(partial(self._stream.cue, cue, at))
+
+    def clear(self) -> None:
+        """Drop the agent's sound that has not been shown, see `Stream.clear`."""
+        self._own = _Voice()
+        self._changes.append(self._stream.clear)
+
+    async def run(self) -> None:
+        """Hear and show until this coroutine is cancelled; the motion is computed in a thread.
+
+        Raises:
+            UserError: an attribute or a cue cannot be used.
+        """
+        fps, clock = self._stream.fps, asyncio.get_running_loop().time
+        delay, start = math.ceil(round(self._stream.latency * fps, 6)), clock()
+        for tick in itertools.count(1):  # sound up to the time tick / fps has been heard
+            await asyncio.sleep(start + tick / fps - clock())
+            changes, self._changes = self._changes, []
+            count, self._fed = tick * SAMPLE_RATE // fps - self._fed, tick * SAMPLE_RATE // fps
+            own, other = self._own.take(count), self._other.take(count, most=count + _WAITING)
+            await asyncio.to_thread(self._advance, changes, own, other)
+            if self._shown <= tick - delay:
+                self._shown += 1
+                await self._show(self._shown - 1, self._frames.popleft())
+
+    def _advance(self, changes: list[Callable[[], Any]], own: np.ndarray, other: np.ndarray) -> None:
+        for change in changes:
+            change()
+        self._frames.extend(self._stream.feed(own, other))
+
+
+class _Voice:
+    """Sound that waits to be heard, (samples,) float32 at 16 kHz."""
+
+    def __init__(self) -> None:
+        self._resampler, self._rate, self._pieces = Resampler(SAMPLE_RATE), SAMPLE_RATE, [np.zeros(0, np.float32)]
+        self._has_grown = False  # since the last take
+
+    @property
+    def is_waiting(self) -> bool:
+        return any(map(len, self._pieces))
+
+    def put(self, pcm: bytes, rate: int) -> None:
+        if rate != self._rate:
+            self._end(rate)
+        samples = np.frombuffer(pcm, "<i2").astype(np.float32) / 32768
+        self._pieces.append(self._resampler.resample(samples, 0.0).samples)
+        self._has_grown = True
+
+    def take(self, count: int, most: int = 0) -> np.ndarray:
+        """Return the next samples, with silence after them where fewer wait; only the last `most` count."""
+        if not self._has_grown:
+            self._end(self._rate)
+        self._has_grown = False
+        sound = np.concatenate(self._pieces)[-most:]
+        self._pieces = [sound[count:]]
+        return np.pad(sound[:count], (0, max(count - len(sound), 0)))
+
+    def _end(self, rate: int) -> None:
+        """Take what the resampler holds back, and begin anew."""
+        self._pieces.append(self._resampler.resample(np.zeros(0, np.float32), 0.0, is_last=True).samples)
+        self._resampler, self._rate = Resampler(rate), rate

@@ -1,0 +1,121 @@
+"""A stream at the pace of the clock hears each voice in time, and shows each frame once, in order, at its time."""
+
+import asyncio
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ha2g_jax.apps.live.paced import PacedStream
+from ha2g_jax.errors import UserError
+
+FPS, DELAY, RATE = 50, 3, 16000  # frames of the stream that stands in, of its latency; samples per second
+SOUND = np.arange(1, 4001, dtype="<i2")  # a quarter of a second
+
+
+class Standin:
+    """A stream whose frames hold their numbers, and which keeps what it heard."""
+
+    fps, latency, state = FPS, DELAY / FPS, "auto"
+
+    def __init__(self):
+        self.own, self.other = np.zeros((2, 0), np.float32)
+        self.num_returned, self.cleared = 0, []
+
+    def feed(self, own, other):
+        self.own, self.other = np.append(self.own, own), np.append(self.other, other)
+        first, self.num_returned = self.num_returned, max(len(self.own) * FPS // RATE - DELAY + 1, 0)
+        return np.arange(first, self.num_returned)
+
+    def clear(self):
+        self.own[self.num_returned * RATE // FPS :] = 0
+        self.cleared.append(self.num_returned)
+
+
+def run(script, seconds=0.5):
+    """The stream, and the numbers and times of the frames shown, after a script that is told when a frame is shown."""
+    stream: Any = Standin()
+    shown = []
+
+    async def main():
+        clock = asyncio.get_running_loop().time
+        start = clock()
+
+        async def show(number, frame):
+            assert frame == number
+            shown.append((number, clock() - start))
+            script(paced, number)
+
+        paced = PacedStream(stream, show)
+        script(paced, -1)
+        try:
+            async with asyncio.timeout(seconds):
+                await paced.run()
+        except TimeoutError:
+            return
+
+    asyncio.run(main())
+    assert [number for number, _ in shown] == list(range(len(shown)))
+    assert all(time >= (number + DELAY) / FPS for number, time in shown)
+    return stream, shown
+
+
+@pytest.mark.parametrize("pieces", [1, 7])
+def test_sound_that_comes_at_once_is_heard_as_it_is_played(pieces):
+    begun = []
+
+    def script(paced, number):
+        if number == 5:
+            for piece in np.array_split(SOUND, pieces):
+                begun.append(paced.say(piece.tobytes(), RATE))
+        if number == 6:
+            paced.hear(SOUND[:3200].tobytes(), RATE)
+
+    stream, _ = run(script)
+    assert len(set(begun)) == 1  # the later pieces go on with the sound before them
+    start = round(begun[0] * RATE)
+    assert start * FPS == (5 + DELAY) * RATE  # frame 5 was shown when so much had been heard
+    np.testing.assert_array_equal(stream.own[start:][: len(SOUND)], SOUND / np.float32(32768))
+    assert not stream.own[:start].any() and not stream.own[start + len(SOUND) :].any()
+    np.testing.assert_array_equal(stream.other[start + RATE // FPS :][:3200], SOUND[:3200] / np.float32(32768))
+
+
+def test_of_what_the_other_said_during_a_stall_the_end_is_heard():
+    stream, _ = run(lambda paced, number: number == 3 and paced.hear(np.tile(SOUND, 2).tobytes(), RATE))
+    heard = stream.other[stream.other != 0]
+    assert 3200 <= len(heard) <= 3200 + RATE // FPS and heard[-1] == SOUND[-1] / 32768
+
+
+def test_sound_of_another_rate_has_its_length():
+    stream, _ = run(lambda paced, number: number == 3 and paced.say(np.tile(SOUND, 2).tobytes(), 2 * RATE))
+    assert abs(np.count_nonzero(stream.own) - len(SOUND)) < 0.001 * RATE
+
+
+def test_after_clear_the_agent_is_silent_from_the_next_frame_on():
+    def script(paced, number):
+        if number == -1:
+            paced.say(np.tile(SOUND, 4).tobytes(), RATE)
+        if number == 9:
+            paced.clear()
+            paced.change(state="listen")
+
+    stream, shown = run(script)
+    assert stream.cleared == [10] and stream.state == "listen"
+    assert stream.own[: 10 * RATE // FPS].all() and not stream.own[10 * RATE // FPS :].any()
+    assert len(stream.own) * FPS // RATE - len(shown) - DELAY + 1 in (0, 1)  # as much as time has passed
+
+
+def test_a_change_that_cannot_be_used_ends_the_run():
+    class Refusing(Standin):
+        def __setattr__(self, name, value):
+            if name == "state":
+                raise UserError("no such state")
+            super().__setattr__(name, value)
+
+    async def main(stream: Any):
+        paced = PacedStream(stream, show=stream.feed)
+        paced.change(state="sleep")
+        await paced.run()
+
+    with pytest.raises(UserError, match="no such state"):
+        asyncio.run(main(Refusing()))

@@ -1,0 +1,218 @@
+"""The recipes of examples/agents, run with Pipecat and LiveKit Agents on loopback; skipped where these are missing."""
+
+import asyncio
+import importlib
+import itertools
+import json
+import pathlib
+import socket
+import time
+
+import numpy as np
+import pytest
+
+from ha2g_jax.features import espeak
+from ha2g_jax.features.audio import SAMPLE_RATE
+
+EXAMPLES = pathlib.Path(__file__).parent.parent / "examples" / "agents"
+USER = espeak.Voice("en", "m3", pitch=50, pitch_range=60, rate=160)
+AGENT = espeak.Voice("en-us", "f2", pitch=40, pitch_range=60, rate=160)
+IN_STEP = 0.3  # seconds between a sound and its frame
+LIVEKIT_RATE = 24000
+PIECE = 320  # samples of the user that are sent at once
+
+pytestmark = pytest.mark.filterwarnings("default")  # of libraries of others
+
+
+def example(name, library, monkeypatch):
+    pytest.importorskip(library)
+    monkeypatch.syspath_prepend(EXAMPLES)
+    return importlib.import_module(name)
+
+
+def pcm(text, voice):
+    return (32767 * espeak.say(text, voice).audio).astype("<i2")
+
+
+class Watched:
+    """A stream that notes what it is told, and the sound of the agent that it hears."""
+
+    def __init__(self, stream):
+        object.__setattr__(self, "stream", stream)
+        object.__setattr__(self, "told", [])
+        object.__setattr__(self, "own", np.zeros(0, np.float32))
+        object.__setattr__(self, "has_heard_other", False)
+
+    def __getattr__(self, name):
+        return getattr(self.stream, name)
+
+    def __setattr__(self, name, value):
+        self.told.append(value)
+        setattr(self.stream, name, value)
+
+    def feed(self, own, other):
+        object.__setattr__(self, "own", np.append(self.own, own))
+        object.__setattr__(self, "has_heard_other", self.has_heard_other or other.any())
+        return self.stream.feed(own, other)
+
+    def clear(self):
+        self.told.append("clear")
+        self.stream.clear()
+
+    def onsets(self):
+        """Return the first frames (n,) of the agent's sounds."""
+        frames = np.flatnonzero(np.abs(self.own) > 0.01) * self.fps // SAMPLE_RATE
+        return frames[np.diff(frames, prepend=-self.fps) > self.fps // 2]
+
+
+def runs(times, pause=0.4):
+    """Return first and last of times (n,) between pauses."""
+    starts = np.flatnonzero(np.diff(times, prepend=-np.inf) > pause)
+    return [(times[a], times[b - 1]) for a, b in itertools.pairwise([*starts, len(times)])]
+
+
+def test_an_agent_of_pipecat_answers_and_is_interrupted(debug_model, monkeypatch):
+    recipe = example("pipecat_agent", "pipecat", monkeypatch)
+    frames_pb2 = importlib.import_module("pipecat.frames.protobufs.frames_pb2")
+    connect = importlib.import_module("websockets.asyncio.client").connect
+    stream = Watched(debug_model.stream(look_ahead=4))
+    question, objection = pcm("Do you have time for a question?", USER), pcm("Wait, please.", USER)
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+
+    async def talk():
+        agent = asyncio.create_task(recipe.serve(stream, port))
+        heard, frames, others = [], [], []
+        while True:
+            try:
+                user = await connect(f"ws://127.0.0.1:{port}")
+                break
+            except OSError:
+                await asyncio.sleep(0.05)
+
+        async def speak():
+            """Ask, object 1.5 s after the answer has begun, and leave 3 s later."""
+            start, voice, told = time.monotonic(), question, 0.0
+            for first in itertools.count(0, PIECE):
+                await asyncio.sleep(start + first / SAMPLE_RATE - time.monotonic())
+                if heard and not told and time.monotonic() > heard[0] + 1.5:
+                    voice, told = objection, time.monotonic()
+                if told and time.monotonic() > told + 3:
+                    break
+                spoken, voice = voice[:PIECE], voice[PIECE:]
+                message = frames_pb2.Frame()
+                message.audio.audio = np.append(spoken, np.zeros(PIECE - len(spoken), "<i2")).tobytes()
+                message.audio.sample_rate, message.audio.num_channels = SAMPLE_RATE, 1
+                await user.send(message.SerializeToString())
+            await user.close()
+
+        speaking = asyncio.create_task(speak())
+        async for data in user:
+            message = frames_pb2.Frame.FromString(data)
+            if message.WhichOneof("frame") == "audio":
+                heard.append(time.monotonic())
+            elif message.WhichOneof("frame") == "interruption":
+                others.append(time.monotonic())
+            elif "first" in (text := json.loads(message.message.data)):
+                frames.append((text["first"], time.monotonic(), text["frames"]))
+        await speaking
+        agent.cancel()
+        await asyncio.gather(agent, return_exceptions=True)
+        return np.array(heard), frames, others
+
+    heard, frames, interruptions = asyncio.run(talk())
+    numbers, times, poses = zip(*frames, strict=True)
+    assert numbers == tuple(range(numbers[0], numbers[0] + len(frames)))
+    assert all(len(pose) == 1 and len(pose[0]) == 3 * stream.skeleton.num_bones for pose in poses)
+    assert stream.told == ["listen", "clear", "auto", "listen", "clear", "auto"]
+    assert stream.has_heard_other
+    (begin, end), *_ = runs(heard)
+    assert begin + 1 < interruptions[-1] and abs(end - interruptions[-1]) < IN_STEP
+    assert abs(times[numbers.index(stream.onsets()[0])] - begin) < IN_STEP
+
+
+def test_an_agent_of_livekit_is_drawn_in_step_and_interrupted(debug_model, monkeypatch):
+    recipe = example("livekit_agent", "livekit.agents", monkeypatch)
+    agents, rtc = importlib.import_module("livekit.agents"), importlib.import_module("livekit.rtc")
+    stream = Watched(debug_model.stream(look_ahead=4))
+    answer = np.repeat(pcm("That is a good question, and there are two answers to it.", AGENT), 3)[::2]  # 24 kHz
+
+    class Room:
+        """A room whose tracks nobody else sees; a `livekit.rtc.Room` needs a server."""
+
+        published = ()
+
+        def isconnected(self):
+            return True
+
+        def on(self, *_):
+            return None
+
+        off = on
+
+        @property
+        def local_participant(self):
+            return self
+
+        async def publish_track(self, track, _):
+            self.published += (track.kind,)
+            return self
+
+        async def wait_for_subscription(self):
+            return None
+
+    async def sound():
+        for piece in np.array_split(answer, 20):
+            yield rtc.AudioFrame(piece.tobytes(), LIVEKIT_RATE, 1, len(piece))
+
+    class Microphone(recipe.AudioInput):
+        voice, is_on = pcm("Wait, please, I see what you mean.", USER), False
+        next_time = 0.0
+
+        async def __anext__(self):
+            self.next_time = (self.next_time or time.monotonic()) + 0.02
+            await asyncio.sleep(self.next_time - time.monotonic())
+            piece = np.zeros(PIECE, "<i2")
+            if self.is_on:
+                spoken, self.voice = np.split(self.voice, [PIECE])
+                piece[: len(spoken)] = spoken
+            return rtc.AudioFrame(piece.tobytes(), SAMPLE_RATE, 1, len(piece))
+
+    async def talk():
+        session, room, pushed, played = agents.AgentSession(), Room(), [], []
+        avatar, runner = await recipe.start_avatar(session, room, stream)
+        push = runner.av_sync.push
+
+        async def note(frame):
+            pushed.append((time.monotonic(), frame))
+            await push(frame)
+
+        runner.av_sync.push = note
+        session.output.audio.on("playback_finished", played.append)
+        await session.start(agents.Agent(instructions=""))
+        microphone = Microphone(label="microphone")
+        session.input.audio = recipe.UserAudio(microphone, avatar.body)
+        await session.say("whole", audio=sound()).wait_for_playout()
+        await asyncio.sleep(0.5)
+        speech = session.say("interrupted", audio=sound())
+        await asyncio.sleep(1)
+        microphone.is_on = True  # which LiveKit hears
+        await speech.wait_for_playout()
+        interrupted = time.monotonic()
+        await asyncio.sleep(0.5)
+        await session.aclose()
+        await runner.aclose()
+        return room, pushed, played, interrupted
+
+    room, pushed, played, interrupted = asyncio.run(talk())
+    assert len(room.published) == 2
+    assert [event.interrupted for event in played] == [False, True]
+    assert played[0].playback_position == pytest.approx(len(answer) / LIVEKIT_RATE, abs=0.01)
+    assert 0.5 < played[1].playback_position < 1.5
+    sounds = np.array([at for at, frame in pushed if isinstance(frame, rtc.AudioFrame)])
+    pictures = [(at, bytes(frame.data)) for at, frame in pushed if isinstance(frame, rtc.VideoFrame)]
+    assert sounds.max() < interrupted + 0.1
+    assert np.median(np.diff([at for at, _ in pictures])) < IN_STEP
+    assert len({data for _, data in pictures}) > 10
+    assert abs(pictures[stream.onsets()[0]][0] - sounds[0]) < IN_STEP
+    assert [told for told in stream.told if told != "auto"] == ["listen", "clear"] and stream.has_heard_other
