@@ -66,7 +66,7 @@ export class LiveRun {
     this.recording = new Recording(this.figure.fps, this.numSamples);
   }
 
-  /** Ends what the figure says: its sound that no frame has shown becomes silence. */
+  /** Ends what the figure says: its sound of which no frame has come becomes silence. */
   interrupt(): void {
     for (const [own] of this.pending) own.fill(0);
     this.stream.clear().catch((error: Error) => this.fail(error.message));

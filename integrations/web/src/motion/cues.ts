@@ -28,8 +28,7 @@ interface Running {
 
 /** Gestures that are blended into a motion, each with its peak in a given frame. */
 export class RunningCues {
-  /** Number of the next frame of the motion; it may be set back. */
-  frame = 0;
+  private frame = 0; // number of the next frame of the motion
   private last: Float32Array | undefined;
   private readonly limbs: Record<string, number[]>; // bones of each limb
   private readonly parts: Record<string, Part[]>;
@@ -48,6 +47,11 @@ export class RunningCues {
     const copy = copyOf(this);
     copy.cues = this.cues.map((cue) => ({ ...cue, rotations: new Map(cue.rotations) }));
     return copy;
+  }
+
+  /** Drops the gestures that have not begun. */
+  dropWaiting(): void {
+    this.cues = this.cues.filter((cue) => cue.ramp !== undefined);
   }
 
   /** Adds a gesture of the model whose peak is at a time of the motion in seconds, by default as soon as possible. */

@@ -12,7 +12,7 @@ export const SOUND_DB = -30; // a column whose loudest band is louder is sound
 
 /** The loudest mel power of speech with a peak of about 0.2, and the least mel power of 0 dB. */
 export const TYPICAL_POWER = 15;
-export const LEAST_POWER = TYPICAL_POWER / 1000;
+const LEAST_POWER = TYPICAL_POWER / 1000;
 const FIRST_HEARD = Math.ceil((80 * FFT_SIZE) / SAMPLE_RATE); // a constant, rumble and hum below 80 Hz count for nothing
 const LEAST_RATIO = Math.fround(1e-8); // of the floor
 

@@ -62,7 +62,7 @@ export class Host {
         await this.inTurn(request.stream, async (stream) => stream.cue(request.cue, request.at));
         return none;
       case "clear": {
-        const result = await this.inTurn(request.stream, (stream) => stream.clear(request.frame));
+        const result = await this.inTurn(request.stream, async (stream) => stream.clear(request.frame));
         return { result, transfer: [] };
       }
       case "close":

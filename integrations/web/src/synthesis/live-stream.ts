@@ -74,11 +74,12 @@ export class LiveStream {
   }
 
   /**
-   * Drops speech that shall not be shown, as that of an agent who is interrupted: the motion goes on from the pose of the
-   * frame before, to rest or listening within half a second.
+   * Drops speech that shall not be shown, as that of an agent who is interrupted, and cues that have not begun: the
+   * motion goes on from the pose of the frame before, to rest or listening within half a second.
    *
    * @param frame - first frame that shall not be shown, where sound is fed ahead of time; the next sample is heard at its
-   *   time. Without it, sound whose frames were not returned becomes silence, and the next sample keeps its time.
+   *   time. Without it, the agent's sound whose frames were not returned becomes silence, and the next sample keeps its
+   *   time.
    * @returns number of the first frame of the next `feed`; frames from it on that were returned should be dropped.
    */
   clear(frame?: number): Promise<number> {

@@ -134,14 +134,14 @@ export class Stream {
   }
 
   /**
-   * Drops speech that shall not be shown: the motion goes on from the pose of the frame before, and within half a second
-   * it is that of a stream that never heard the speech before.
+   * Drops speech that shall not be shown, and cues that have not begun: the motion goes on from the pose of the frame
+   * before, and within half a second it is that of a stream that never heard the speech before.
    *
    * @param frame - first frame that shall not be shown, one of the last minute; the next sample is heard at its time.
-   *   Without it, sound whose frames were not returned becomes silence, and the next sample keeps its time.
+   *   Without it, the agent's sound whose frames were not returned becomes silence, and the next sample keeps its time.
    * @returns number of the frame that the next `feed` begins with.
    */
-  async clear(frame?: number): Promise<number> {
+  clear(frame?: number): number {
     this.checkOpen();
     const { size, description } = this.sampler;
     const first = frame ?? this.numReturned;
@@ -157,16 +157,20 @@ export class Stream {
     this.past = joined(from(start - this.join.first, this.past.length / size));
     this.dropped = from(start, Math.ceil(EASE_SECONDS * description.fps) - 1);
     this.firstDropped = first;
+    const { state } = this;
     for (; this.numReturned > first; this.numReturned--) this.layers = this.recent.pop()!.layers;
+    this.layers.states.state = state;
+    this.layers.cues.dropWaiting();
     this.held = [];
     this.expected = [];
     this.numMade = first;
     this.weightRamp = undefined;
     this.join.restart();
-    const heard = this.numSamples;
-    this.numSamples = Math.min(Math.floor((first * SAMPLE_RATE) / description.fps), heard);
+    if (frame !== undefined) {
+      this.numSamples = Math.min(Math.floor((first * SAMPLE_RATE) / description.fps), this.numSamples);
+      this.phrases = undefined;
+    }
     this.mel.restart(this.numSamples);
-    if (frame === undefined) await this.feed(new Float32Array(heard - this.numSamples)); // it makes no frame final
     return first;
   }
 
@@ -183,7 +187,8 @@ export class Stream {
     if (other && other.length !== samples.length) {
       throw new Error(`${other.length} samples of the other; expected ${samples.length}, as many as of the agent`);
     }
-    if (other) this.phrases ??= new Phrases(this.numSamples);
+    const { num_frames, fps } = this.sampler.description;
+    if (other) this.phrases ??= new Phrases((2 * num_frames) / fps + 2, this.numSamples);
     const heard = [samples, other ?? new Float32Array(samples.length)].map(clipped) as [Float32Array, Float32Array];
     const frames = [...this.held];
     let start = 0;
@@ -194,7 +199,7 @@ export class Stream {
     }
     this.hear(heard, start, samples.length);
     // A motion of the speech so far has this many frames; later ones wait, as the speech may end here.
-    return this.finished(frames, round((this.numSamples / SAMPLE_RATE) * this.sampler.description.fps));
+    return this.finished(frames, round((this.numSamples / SAMPLE_RATE) * fps));
   }
 
   /**
@@ -314,7 +319,8 @@ export class Stream {
 
   /** Returns the number of samples that the next run still needs. */
   private needed(): number {
-    return Math.floor((this.heard() * SAMPLE_RATE) / this.sampler.description.fps) - this.numSamples;
+    const needed = Math.floor((this.heard() * SAMPLE_RATE) / this.sampler.description.fps);
+    return Math.max(needed - this.numSamples, 0);
   }
 
   private hear([samples, other]: [Float32Array, Float32Array], start: number, end: number): void {

@@ -40,8 +40,10 @@ STREAMS = (
         "changes": {
             5: {"state": "think"},
             12: {"cue": ["wave", 2.5]},
+            30: {"clear": []},
             50: {"cue": ["nod"]},
             66: {"state": "think"},
+            84: {"clear": [70]},
             95: {"cue": ["point:left", 10.6], "state": "listen"},
             97: {"cue": ["count:3"], "muted": True},
         },
