@@ -24,10 +24,7 @@ STATES = ("auto", "idle", "listen", "think")
 EASE = 0.4  # seconds of a transition
 ATTENTION = 1.5  # seconds for which someone listens on after the other's last voice
 NOD_DELAY = 0.7  # seconds from the end of a phrase to the lowest point of the nod
-_NOD_DEGREES, _NOD_SECONDS = (
-    13.0,
-    0.27,
-)  # depth, and seconds from its start to the lowest point and from there to its end
+_NOD_DEGREES, _NOD_SECONDS = 13.0, 0.27  # depth, and seconds of the way down and of the way up
 
 # Amounts of idle shifts, of a lean ahead, of turning the head to the other and of nods; of the degrees by which the
 # head turns to the left and down; and of raising each arm.
@@ -41,8 +38,9 @@ _FIRST_CHANNEL = np.uint32(2048)  # of the noise that thoughts are drawn from
 _UP = np.array([0.0, -1.0, 0.0])
 _LEAN_DEGREES = 5.0
 _GAZE_DEGREES = (22.0, 38.0), (-12.0, 8.0)  # ranges of the gaze of who thinks: to a side, and down
-# Directions of the upper arm and of the forearm of a hand at the chin, to the side of the arm, down and ahead.
-_RAISED = (0.12, 0.86, 0.5), (-0.55, -0.68, 0.48)
+# Directions of the upper arm and of the forearm of a hand below the chin, to the side of the arm, down and ahead. A hand
+# that hangs comes there with at most 3 m/s.
+_RAISED = (0.2, 0.96, 0.15), (-0.7, -0.4, 0.6)
 
 
 class RunningStates:
@@ -178,7 +176,7 @@ _ENDING = np.array([[-10.0, -6.0, -3.0], [15.0, 8.0, 3.0], [-6.0, -3.0, -1.0]])
 
 
 class _Arm(NamedTuple):
-    """Bones of an arm, upper arm and forearm first, and these two (2, 3) with the hand at the chin."""
+    """Bones of an arm, upper arm and forearm first, and these two (2, 3) with the hand below the chin."""
 
     bones: list[int]
     raised: np.ndarray

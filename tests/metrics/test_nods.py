@@ -24,5 +24,7 @@ def test_nods_of_someone_who_listens_are_found_and_others_are_none(name, fps):
     depths = nod_depths(ends, frames, fps)
     states, pose = RunningStates(skeleton, fps, 0), rest_pose(skeleton)
     both = np.ones(2)
-    motion = [states.apply(pose, k, 0.0, depths[k], is_addressed=k < 10 * fps, arms=both) for k in frames.tolist()]
+    motion = [
+        states.apply(pose, k, 0.0, float(depths[k]), is_addressed=k < 10 * fps, arms=both) for k in frames.tolist()
+    ]
     np.testing.assert_allclose(nod_times(skeleton, np.stack(motion), fps), np.array(ends) + 0.7, atol=1 / fps)
