@@ -38,8 +38,8 @@ _FIRST_CHANNEL = np.uint32(2048)  # of the noise that thoughts are drawn from
 _UP = np.array([0.0, -1.0, 0.0])
 _LEAN_DEGREES = 5.0
 _GAZE_DEGREES = (22.0, 38.0), (-12.0, 8.0)  # ranges of the gaze of who thinks: to a side, and down
-# Directions of the upper arm and of the forearm of a hand below the chin, to the side of the arm, down and ahead. A hand
-# that hangs comes there with at most 3 m/s.
+# Directions of the upper arm and of the forearm of a hand below the chin, to the side of the arm, down and ahead: near
+# enough that a hand that hangs comes there with at most 3 m/s.
 _RAISED = (0.2, 0.96, 0.15), (-0.7, -0.4, 0.6)
 
 

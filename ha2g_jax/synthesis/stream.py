@@ -74,6 +74,9 @@ class Stream:
     sample after (k + look_ahead) / fps, and is returned by the first `feed` that reaches this time. Only without any
     look-ahead a frame is returned half a frame later, because a shorter motion would not have it.
 
+    Where the agent does not speak, the body does what `state` says, and listens to the other whose samples `feed` gets.
+    In frames of speech nothing is added.
+
     With a hop of N - M and a look-ahead of N, the windows are those of `Model.generate`, and so are the frames, if
     `reference` is the maximum of the clip and the speech has no long pauses.
 
