@@ -29,8 +29,8 @@ const POSTURES = {
 const FIRST_CHANNEL = 2048; // of the noise that thoughts are drawn from
 const LEAN_DEGREES = 5;
 const GAZE_DEGREES = [[22, 38], [-12, 8]]; // of who thinks: to a side, and down
-// Directions of the upper arm and of the forearm of a hand at the chin, to the side of the arm, down and ahead.
-const RAISED = [[0.12, 0.86, 0.5], [-0.55, -0.68, 0.48]];
+// Directions of the upper arm and of the forearm of a hand below the chin, to the side of the arm, down and ahead.
+const RAISED = [[0.2, 0.96, 0.15], [-0.7, -0.4, 0.6]];
 
 /** The movement that states add to the frames of a motion that goes on. */
 export class RunningStates {
@@ -44,7 +44,7 @@ export class RunningStates {
   private readonly trunk: number[];
   private readonly head: number[];
   private readonly arms: number[][]; // bones, upper arm and forearm first
-  private readonly raised: Numbers[]; // (2, 3) upper arm and forearm of each arm with the hand at the chin
+  private readonly raised: Numbers[]; // (2, 3) upper arm and forearm of each arm with the hand below the chin
   private readonly rest: Numbers;
 
   /**
