@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from ha2g_jax.metrics.beats.strokes import wrist_positions
+from ha2g_jax.metrics.beats.strokes import stroke_beats, wrist_positions
 from ha2g_jax.motion.control import rest_pose
-from ha2g_jax.motion.idle import idle
+from ha2g_jax.motion.idle import idle, shifts
+from ha2g_jax.motion.rotations import from_vector, rotate
 from ha2g_jax.skeleton import SKELETONS, load_skeleton
 
 FPS, TEN_MINUTES = 15, np.arange(9000)
@@ -53,3 +54,13 @@ def test_no_ten_seconds_of_ten_minutes_repeat():
     numbers = np.arange(len(segments))
     is_apart = np.abs(numbers[:, None] - numbers) >= 30
     assert distances[is_apart].min() > np.sqrt(np.mean(squares) / 150) / 3
+
+
+def test_two_minutes_with_shifts_are_never_near_to_two_others_and_still_rest():
+    skeleton = load_skeleton("ted_expressive")
+    pose = idle(skeleton, rest_pose(skeleton), 0, TEN_MINUTES, FPS)
+    wrists = wrist_positions(skeleton, rotate(from_vector(shifts(skeleton, 0, TEN_MINUTES, FPS)), pose))
+    assert FPS * np.linalg.norm(np.diff(wrists, axis=0), axis=-1).mean() < 0.05 and not len(stroke_beats(wrists, FPS))
+    for lag in range(1800, 7200, 75):
+        sums = np.cumsum(np.linalg.norm(wrists[lag:] - wrists[:-lag], axis=-1).mean(axis=-1))
+        assert (sums[1800:] - sums[:-1800]).min() / 1800 > 0.03
