@@ -92,12 +92,18 @@ def combine(runs: Sequence[Measured]) -> Mean:
     if num < 2 or count == 1 or not np.isfinite(without).all():
         return Mean(mean, None, 0.0, num)
     seeds = values.var(ddof=1) / num
-    groups = (count - 1) / count * np.sum(np.square(without - without.mean())) if count else 0.0
+    groups = jackknife_variance(without)
     total = seeds + groups
     if total == 0:
         return Mean(mean, 0.0, num - 1, num)
     freedom = total**2 / (seeds**2 / (num - 1) + groups**2 / max(count - 1, 1))
     return Mean(mean, float(np.sqrt(total)), float(freedom), num)
+
+
+def jackknife_variance(without: np.ndarray) -> float:
+    """Compute the variance of a score by the choice of groups, from the scores (groups,) without each; 0 for none."""
+    count = len(without)
+    return float((count - 1) / count * np.sum(np.square(without - without.mean()))) if count else 0.0
 
 
 def interval(mean: Mean, tail: float = 1 - LEVEL) -> Spread:
@@ -136,7 +142,7 @@ def judge(claims: Sequence[Claim]) -> list[Verdict]:
     """
     differences = [_with_freedom_of_seeds(claim.difference) for claim in claims]
     tested = [difference for difference in differences if difference and difference.error is not None]
-    corrected = iter(holm([_p_value(difference) for difference in tested]))
+    corrected = iter(holm([t_test(difference) for difference in tested]))
     verdicts = []
     for claim, difference in zip(claims, differences, strict=True):
         if difference is None:
@@ -161,7 +167,8 @@ def _with_freedom_of_seeds(difference: Mean | None) -> Mean | None:
     return difference and difference._replace(freedom=min(difference.freedom, difference.num - 1))
 
 
-def _p_value(difference: Mean) -> float:
+def t_test(difference: Mean) -> float:
+    """Compute the two-sided p-value of a difference with an error, that of Student's t."""
     if not difference.error:  # all seeds have the same difference: any but 0 is beyond chance
         return float(difference.value == 0)
     return float(2 * stats.t.sf(abs(difference.value) / difference.error, difference.freedom))
