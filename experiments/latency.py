@@ -21,7 +21,7 @@ from tables.latency_report import Results, all_numbers, as_markdown, figure
 from tables.look_aheads import LOOK_AHEADS, TABLE, plan_settings, read_scores
 from tables.plan import Request, check_report, parse_data, parse_seeds
 from tables.report import describe_work
-from tables.runs import Perform, Stop, add_options, perform_in_process, run_all, run_script
+from tables.runs import DEFAULT_SEEDS, Perform, Stop, add_options, perform_in_process, run_all, run_script
 from tables.workdirs import is_finished, record_of
 
 from ha2g_jax.errors import UserError
@@ -113,7 +113,7 @@ def _request(arguments: argparse.Namespace) -> Request:
         data=data,
         size=arguments.size,
         path=path,
-        seeds=parse_seeds(arguments.seeds),
+        seeds=parse_seeds(arguments.seeds or DEFAULT_SEEDS),
         workdir=arguments.workdir,
         jobs=arguments.jobs,
         has_training=not arguments.no_train,

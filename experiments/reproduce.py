@@ -3,9 +3,11 @@
     python experiments/reproduce.py table1 --data talk --size small --seeds 3
     python experiments/reproduce.py table3 --data ted_expressive:corpora/ted
     python experiments/reproduce.py table1 --data talk --size debug          # a quick test that everything runs
+    python experiments/reproduce.py factorial --continue --size medium       # the factorial study, where it was left
 
-TABLE is table1, table3, table4, table11, table12, figure3 or gesture_ablation. Each row and seed is a run of its own in
-WORKDIR, which all tables use; finished runs are not trained again, and the same command continues an interrupted one.
+TABLE is table1, table3, table4, table11, table12, figure3, gesture_ablation or factorial. Each row and seed is a run of
+its own in WORKDIR, which all tables use; finished runs are not trained again, and the same command continues an
+interrupted one. With --continue it starts from the runs that the repository keeps, so that a study goes on anywhere.
 table5 and table10 are statistics of the data, for which nothing is trained. Without --size models and training are the
 paper's, which take days on one GPU; `ha2g doctor --benchmark --table1` measures the hours on this machine.
 """
@@ -14,12 +16,14 @@ import argparse
 import os
 import pathlib
 import shlex
+import shutil
 import sys
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import tqdm
+from tables import factorial
 from tables.kept_runs import keep_run
 from tables.paper_tables import TABLES
 from tables.plan import (
@@ -35,7 +39,8 @@ from tables.plan import (
     scores_kind,
 )
 from tables.report import Results, all_numbers, as_markdown, describe_work, figure
-from tables.runs import Perform, Stop, add_options, perform_in_process, run_all, run_script
+from tables.runs import DEFAULT_SEEDS, Perform, Stop, add_options, perform_in_process, run_all, run_script
+from tables.tables import RowScores, every_number
 from tables.workdirs import Record, Run
 
 from ha2g_jax.config import presets
@@ -45,6 +50,8 @@ from ha2g_jax.evaluation.corpus_statistics import joint_rows, summarise
 from ha2g_jax.files.writing import whole_file
 
 CORPUS_TABLES = ("table5", "table10")
+
+_HERE = pathlib.Path(__file__).resolve().parent
 
 # Videos, hours and segments of all splits, and ratio of the length of a video that shots of interest have.
 _TABLE_5 = {
@@ -59,10 +66,15 @@ def main(argv: Sequence[str] | None = None, perform: Perform = perform_in_proces
     arguments = _parser().parse_args(argv)
 
     def work(stop: Stop) -> bool:
-        request = _request(arguments)
-        out = arguments.out or request.workdir / f"{request.data}-{request.size}" / f"{request.table}.md"
+        request, keep, out = _request(arguments), arguments.keep, arguments.out
+        if arguments.resume:
+            keep = keep or _HERE / f"{request.table}-runs" / request.size
+            out = out or _HERE.parent / "docs" / "results" / f"{request.table}-{request.size}.md"
+            if keep.exists():
+                shutil.copytree(keep, request.workdir, dirs_exist_ok=True)
+        out = out or request.workdir / f"{request.data}-{request.size}" / f"{request.table}.md"
         command = shlex.join(["python", "experiments/reproduce.py", *argv])
-        is_whole = reproduce(request, out, command, stop, perform, arguments.keep)
+        is_whole = reproduce(request, out, command, stop, perform, keep)
         print(out)
         return is_whole
 
@@ -125,6 +137,8 @@ def reproduce(
     facts = describe_work(request, plan, every, command, time.monotonic() - start)
     facts["pose auto-encoder"] = _describe_autoencoder(read_record(plan.autoencoder, plan, request), every)
     results = Results(request, plan, records, {row: found for row, found in reasons.items() if found}, facts)
+    if request.table == factorial.TABLE:
+        return _write_factorial(results, out)
     if results.scores:
         _write(out.with_suffix(".csv"), all_numbers(results))
     chart = out.with_suffix(".svg") if request.table == "figure3" and results.scores else None
@@ -132,6 +146,18 @@ def reproduce(
         _write(chart, figure(results))
     _write(out, as_markdown(results, out.with_suffix(".csv").name, chart and chart.name))
     return not results.failures
+
+
+def _write_factorial(results: Results, out: pathlib.Path) -> bool:
+    """Write the page of the factorial study with its numbers, say what is there, and return whether all is."""
+    request, plan, records, failures, _ = results
+    numbers = out.with_suffix(".csv")
+    if results.scores:
+        more = factorial.all_numbers(records, results.scores)
+        _write(numbers, every_number(plan.table, results.scores, plan.splits, {}, more))
+    _write(out, factorial.as_markdown(request.size, records, results.scores, failures, numbers.name))
+    print(factorial.describe(records))
+    return not failures
 
 
 def _fill(request: Request, plan: TablePlan, perform: Callable[[Run, int, Stop], None], stop: Stop) -> dict[str, str]:
@@ -146,11 +172,20 @@ def _fill(request: Request, plan: TablePlan, perform: Callable[[Run, int, Stop],
     there, failures = len(plan.runs) - len(missing), {}
     if not request.has_training:
         untrained = [name for name, run in missing.items() if read_record(run, plan, request).scored_step is None]
-        failures = dict.fromkeys(untrained, "not trained")
+        failures = dict.fromkeys(untrained, factorial.NOT_TRAINED)
     for row, reason in plan.left_out.items():
         tqdm.tqdm.write(f"{row} is left out: {reason}", file=sys.stderr)
     runs = [run for name, run in missing.items() if name not in failures]
     tqdm.tqdm.write(f"runs to train or score: {len(runs)}; there already: {there}", file=sys.stderr)
+    if request.table == factorial.TABLE:  # the gate is passed before any comparison
+        first = {row: plan.rows[row][0] for row in factorial.GATE_ROWS}
+        failures |= run_all([run for run in runs if run in first.values()], perform, stop, "gate", request.jobs)
+        runs = [run for run in runs if run not in first.values()]
+        scores: RowScores = {
+            row: {run.seed: found} for row, run in first.items() if (found := read_record(run, plan, request).scores)
+        }
+        if not factorial.gate(scores, request.size)[1]:
+            return failures | dict.fromkeys((run.name for run in runs), factorial.NOT_TRAINED)
     return failures | run_all(runs, perform, stop, request.table, request.jobs)
 
 
@@ -215,14 +250,17 @@ def _table_10(found: dict[str, Any]) -> tuple[str, list[Sequence[str]], str]:
 
 
 def _request(arguments: argparse.Namespace) -> Request:
-    data, path = parse_data(arguments.data)
+    is_factorial = arguments.table == factorial.TABLE
+    data, path = parse_data(arguments.data or "talk" * is_factorial)
+    if is_factorial and data != "talk":
+        raise UserError(f"the causes of gestures are known on talk only, not on {data!r}; give --data talk[:DIR]")
     return Request(
         table=arguments.table,
         data=data,
         size=arguments.size,
         path=path,
-        seeds=parse_seeds(arguments.seeds),
-        workdir=arguments.workdir,
+        seeds=parse_seeds(arguments.seeds or (str(factorial.SEEDS) if is_factorial else DEFAULT_SEEDS)),
+        workdir=arguments.workdir / f"{factorial.TABLE}-{arguments.size}" if is_factorial else arguments.workdir,
         changes=parse_changes(arguments.changes),
         jobs=arguments.jobs,
         has_training=not arguments.no_train,
@@ -234,11 +272,13 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
     )
-    add, names = parser.add_argument, (*TABLES, *CORPUS_TABLES)
+    add, names = parser.add_argument, (*TABLES, *CORPUS_TABLES, factorial.TABLE)
     add("table", choices=names, metavar="TABLE", help=", ".join(names))
     add_options(parser, "WORKDIR/DATA-SIZE/TABLE.md", "paper")
-    add("--data", required=True, metavar="NAME[:DIR]", help=f"one of {', '.join(presets.DATA)}, and the folder")
+    add("--data", metavar="NAME[:DIR]", help=f"one of {', '.join(presets.DATA)}, and the folder")
     add("--keep", type=pathlib.Path, metavar="DIR", help="add each finished run to the table DIR/scores.jsonl")
+    help_text = "go on from the runs in --keep (default: experiments/TABLE-runs/SIZE); page in docs/results"
+    add("--continue", dest="resume", action="store_true", help=help_text)
     add("--legacy", action="store_true", help="add the scores by the rules of the public release")
     help_text = "change of a setting for all rows, such as train.steps=3000; may be given again"
     add("--changes", action="append", default=[], metavar="KEY=VALUE", help=help_text)

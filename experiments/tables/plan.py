@@ -16,7 +16,8 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import file_sha256, reading, shown
 from ha2g_jax.files.writing import check_file
 from ha2g_jax.launch import load_config
-from tables import paper_tables
+from tables import factorial, paper_tables
+from tables.kept_runs import FILE as KEPT
 from tables.kept_runs import Kept, read_kept
 from tables.paper_tables import Table
 from tables.workdirs import (
@@ -37,7 +38,12 @@ EVALUATION_VERSION = 5  # of what `scores` measures; a higher number makes all s
 
 _DRAWS = {"debug": 100}  # of the bootstrap over clips; other sizes have 1000
 _SPLITS = {"talk": ("test", "test_unseen_speakers")}  # others have "test"
-_DEBUG_SPEAKERS, _DEBUG_MINUTES = 6, 10  # of the Talk corpus of the debug size
+# Table, or "" for any other, and whether the size is debug -> name, speakers and minutes of its own Talk corpus.
+_CORPORA = {
+    ("", True): ("talk-debug-corpus", 6, 10),
+    (factorial.TABLE, True): ("talk-debug-corpus", 12, 12),
+    (factorial.TABLE, False): ("talk-corpus", factorial.SPEAKERS, factorial.MINUTES),
+}
 _OPTIONS = {"seed": "--seeds", "data.path": "--data NAME:DIR"}  # settings that are options of their own
 _WHISPER = "model.audio.weights"
 _NO_WHISPER = f"it needs the weights of Whisper: --changes {_WHISPER}=FOLDER"
@@ -47,7 +53,7 @@ class Request(NamedTuple):
     """Request of the user for a table or for the study of look-aheads.
 
     Attributes:
-        table: one of `paper_tables.TABLES`, or "latency".
+        table: one of `paper_tables.TABLES`, "factorial", or "latency".
         data: one of `presets.DATA`.
         size: one of `config.SIZES`.
         path: folder of the corpus; "" for the Talk corpus, which is made on first use.
@@ -88,7 +94,8 @@ class Plan:
     @property
     def runs(self) -> tuple[Run, ...]:
         """Runs of all rows, seed by seed, so that there is an early result of every row; none twice."""
-        return tuple({run.name: run for same_seed in zip(*self.rows.values()) for run in same_seed}.values())
+        by_seed = itertools.zip_longest(*self.rows.values())
+        return tuple({run.name: run for same_seed in by_seed for run in same_seed if run is not None}.values())
 
 
 @dataclasses.dataclass(frozen=True)
@@ -115,12 +122,15 @@ def plan_table(request: Request) -> TablePlan:
     Raises:
         UserError: there is no such table, setting or corpus, or the table does not fit the data.
     """
-    table = paper_tables.table(request.table, request.data)
+    is_factorial = request.table == factorial.TABLE
+    table = factorial.table(request.size) if is_factorial else paper_tables.table(request.table, request.data)
     plan = plan_rows(request, {row.name: (row.method, row.changes) for row in table.rows})
+    if is_factorial:
+        plan.rows[factorial.ORACLE] = plan.rows[factorial.ORACLE][:1]  # the gate is that of the first block
     left_out = {name: _NO_WHISPER for name, (run, *_) in plan.rows.items() if _lacks_whisper(run)}
     rate = {name: value for name, value in request.changes.items() if name == "data.fps"}  # that of the corpus
     autoencoder = _run(request._replace(changes=rate), plan, "autoencoder", {}, "", 0)
-    splits = _SPLITS.get(request.data, ("test",))
+    splits = factorial.SPLITS if is_factorial else _SPLITS.get(request.data, ("test",))
     for split in splits:
         if not plan.corpus.has_clips(split):
             raise UserError(
@@ -279,7 +289,8 @@ def parse_data(text: str) -> tuple[str, str]:
 
 
 def corpus_path(request: Request) -> pathlib.Path:
-    """Return the folder of the corpus; make the Talk corpus if it is missing, a small one for the debug size.
+    """Return the folder of the corpus; make the Talk corpus if it is missing, a small one for the debug size, and that
+    of the factorial study.
 
     Raises:
         UserError: the data set needs a path, or the Talk corpus cannot be made.
@@ -288,11 +299,13 @@ def corpus_path(request: Request) -> pathlib.Path:
         return pathlib.Path(request.path).resolve()
     if request.data != "talk":
         raise UserError(f"--data {request.data} needs the folder of a corpus: --data {request.data}:DIR (docs/data.md)")
-    if request.size != "debug":
+    table = request.table if request.table == factorial.TABLE else ""
+    if (table, request.size == "debug") not in _CORPORA:
         return build.talk_path("talk").resolve()
-    path = request.workdir.resolve() / "talk-debug-corpus"
-    if not path.exists():
-        build.make_talk(path, speakers=_DEBUG_SPEAKERS, minutes=_DEBUG_MINUTES, seed=0)
+    name, speakers, minutes = _CORPORA[table, request.size == "debug"]
+    path = request.workdir.resolve() / name
+    if not path.exists() and (request.has_training or not (request.workdir / KEPT).is_file()):
+        build.make_talk(path, speakers=speakers, minutes=minutes, seed=0)
     return path
 
 

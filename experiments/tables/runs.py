@@ -12,6 +12,7 @@ import pathlib
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, TypeAlias
@@ -27,6 +28,7 @@ from tables.plan import WORKDIR, Request, TablePlan, plan_table
 from tables.workdirs import Run, is_finished, last_step
 
 _WORKER = (sys.executable, "-m", "tables.runs")
+DEFAULT_SEEDS = "3"
 _LOOK_EVERY = 1.0  # seconds between updates of the progress
 
 
@@ -136,7 +138,7 @@ def add_options(parser: argparse.ArgumentParser, page: str, size: str) -> None:
     """Add the options that the scripts have in common to a parser, with the default page and size."""
     add = parser.add_argument
     add("--size", default=size, choices=SIZES, help=f"size of the models (default: {size})")
-    add("--seeds", default="3", help="number of seeds, or a list such as 0,5,7 (default: 3)")
+    add("--seeds", help="number of seeds, or a list such as 0,5,7 (default: 3, or that of a study)")
     add("--out", type=pathlib.Path, help=f"file of the page (default: {page})")
     add("--workdir", type=pathlib.Path, default=WORKDIR, help=f"folder of all runs (default: {WORKDIR})")
     add("--jobs", type=_positive, default=1, help="number of runs at once, each on a part of the cores")
@@ -294,6 +296,7 @@ def main() -> int:
     from ha2g_jax.launch import prepare_process
 
     prepare_process()
+    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
     task = json.load(sys.stdin)
     if task["cores"]:
         os.sched_setaffinity(0, task["cores"])  # before JAX counts the cores
@@ -307,6 +310,13 @@ def main() -> int:
         sys.stderr.write(f"{error}\n")
         return 2
     return 0
+
+
+def _end_with(parent: int) -> None:
+    """End this process at once when its parent is no more, which may have been killed; the run is resumed later."""
+    while os.getppid() == parent:
+        time.sleep(_LOOK_EVERY)
+    os._exit(1)
 
 
 def _train_and_score(request: Request, name: str) -> None:

@@ -25,6 +25,7 @@ from ha2g_jax.evaluation.clip_result import (
 from ha2g_jax.evaluation.features import PoseFeatures
 from ha2g_jax.evaluation.rows import Rows, make_rows
 from ha2g_jax.evaluation.talk_scores import (
+    CLAIMED,
     Trial,
     has_known_causes,
     known_truth,
@@ -44,7 +45,7 @@ from ha2g_jax.metrics.uncertainty import Estimate
 from ha2g_jax.progress import track
 from ha2g_jax.skeleton import positions_to_directions
 from ha2g_jax.synthesis import Model
-from tables import look_aheads, retrieval
+from tables import factorial, hands, look_aheads, retrieval
 from tables.look_aheads import ABOVE_FLOOR, BEATS, EVERY, F1, FLOOR, GAIN, JERK, LOOK_AHEADS, RECALL
 from tables.paper_tables import THRESHOLDS
 from tables.plan import EVALUATION_VERSION, Plan, Request, TablePlan, scores_path
@@ -74,9 +75,10 @@ def _score(run: Run, plan: TablePlan, request: Request) -> dict[str, Any]:
     model, features = synthesis.load(run.workdir), PoseFeatures(plan.autoencoder.workdir)
     training = training_motion(corpus, TRAIN, limit=_TRAINING_CLIPS)
     retrieved = _retrieve(plan, request)
+    pairs, axes = {}, hands.principal_axes(corpus.skeleton, training) if request.table == factorial.TABLE else None
     scores: dict[str, Any] = {"model": model.assets.hash, "autoencoder": features.id, "splits": {}}
     for split in plan.splits:
-        motions, truth = from_corpus(model, corpus, split, seed=_SEED, with_audio=request.has_legacy)
+        motions, truth = pairs[split] = from_corpus(model, corpus, split, seed=_SEED, with_audio=request.has_legacy)
         found = evaluate.evaluate(
             {MODEL: motions, retrieval.NAME: retrieved[split]},
             truth,
@@ -94,12 +96,36 @@ def _score(run: Run, plan: TablePlan, request: Request) -> dict[str, Any]:
             "sweep": _sweep(rows),
         }
     if request.data == "talk":
-        known = score_known_causes(model, corpus, split_limits(corpus, plan.splits), _SEED)
+        by_speaker = factorial.MEASURED if request.table == factorial.TABLE else CLAIMED
+        known = score_known_causes(model, corpus, split_limits(corpus, plan.splits), _SEED, by_speaker=by_speaker)
         for split in plan.splits:
             motion = {clip.id: clip.directions for clip in retrieved[split]}
             known[split]["rows"][retrieval.NAME] = _known_causes(corpus, split, motion)
+            if axes is not None:
+                _add_hands(known[split], corpus, split, axes, *pairs[split])
             scores["splits"][split]["talk"] = known[split]
     return scores
+
+
+def _add_hands(
+    known: dict[str, Any],
+    corpus: Corpus,
+    split: str,
+    axes: np.ndarray,
+    motions: Sequence[ClipResult],
+    truth: Sequence[ClipResult],
+) -> None:
+    """Add the FGD of the hands of a split's motions to the scores against known causes."""
+    clips = corpus.clips(split)
+    speakers = [clips.fields(index)["speaker"] for index in range(len(clips))]
+    own, true = ([clip.directions for clip in side] for side in (motions, truth))
+    value, without = hands.hands_fgd(corpus.skeleton, axes, own, true, speakers)
+    known["rows"][MODEL][factorial.HANDS_FGD] = {"value": _finite(value), "low": None, "high": None}
+    known["without_speakers"][factorial.HANDS_FGD] = {name: _finite(each) for name, each in without.items()}
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
 
 
 def _known_causes(corpus: Corpus, split: str, motion: dict[str, np.ndarray]) -> dict[str, Any]:

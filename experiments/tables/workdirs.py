@@ -1,6 +1,7 @@
 """Read what a run has left in its workdir: whether it is finished, its checkpoint, its metrics, its scores."""
 
 import hashlib
+import itertools
 import json
 import os
 import pathlib
@@ -13,6 +14,8 @@ from ha2g_jax.files.reading import file_sha256
 from ha2g_jax.train.workdir import METRICS, read_metrics
 
 VALIDATION = "validation/"
+
+_SPEED = "windows_per_second"  # of the steps since the line of metrics before
 
 _HASHES = "SHA256SUMS"  # of a checkpoint
 _HASH_DIGITS = 10
@@ -43,6 +46,7 @@ class Record(NamedTuple):
         scored_step: step of the checkpoint that is scored, None without one.
         validation: metrics of the validation split, a dict with its "step" for each time.
         scores: scores of the checkpoint, None without them.
+        hours: time that the steps of the training took, without validation.
     """
 
     name: str
@@ -53,6 +57,7 @@ class Record(NamedTuple):
     scored_step: int | None
     validation: Sequence[Mapping[str, float]]
     scores: Mapping[str, Any] | None = None
+    hours: float = 0.0
 
     def validated(self, term: str) -> float | None:
         """Return a term on the validation split at the step of the checkpoint that is scored, None if not logged."""
@@ -63,9 +68,13 @@ class Record(NamedTuple):
 def record_of(run: Run, scores: Mapping[str, Any] | None) -> Record:
     """Read the record of a run, as far as the training has come, and add its scores."""
     try:
-        lines = [line for line in read_metrics(run.workdir / METRICS, f'"{VALIDATION}') if len(line) > 1]
+        lines = [line for line in read_metrics(run.workdir / METRICS) if len(line) > 1]
     except UserError:  # not begun
         lines = []
+    speeds = {0: 1.0} | {int(line["step"]): line[_SPEED] for line in lines if _SPEED in line}
+    seconds = [
+        (step - before) * run.config.train.batch_size / speeds[step] for before, step in itertools.pairwise(speeds)
+    ]
     return Record(
         run.name,
         run.seed,
@@ -75,6 +84,7 @@ def record_of(run: Run, scores: Mapping[str, Any] | None) -> Record:
         checkpoint_step(run),
         [line for line in lines if any(name.startswith(VALIDATION) for name in line)],
         scores,
+        sum(seconds) / 3600,
     )
 
 

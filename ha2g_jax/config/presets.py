@@ -8,6 +8,7 @@ A preset is `settings.paper` and changes of single settings, by dotted name: fir
 method, of the size, and of the row of a table. A later change wins.
 """
 
+import itertools
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -314,3 +315,64 @@ GESTURE: dict[str, Changes] = {
 }
 
 TABLES = {"table3": AUDIO_LEARNER, "table4": POSE_INFERER, "table11": SEED_FRAMES, "gesture_ablation": GESTURE}
+
+# The factorial study, see docs/results/factorial.md. What each control changes, so that the rest stays equal:
+HOLISTIC, OTHER_TEXT, NO_COORDINATOR, ORACLE = "holistic", "text of another window", "no coordinator", "oracle"
+CONTROLS: dict[str, Changes] = {
+    HOLISTIC: {"model.inferer.levels": (6,)},
+    OTHER_TEXT: {"loss.ha2g.text": "other"},
+    NO_COORDINATOR: {"model.inferer.coordinator": "none"},
+}
+# Size -> widths of the GRU of holistic, of no coordinator and of both, with which they have as many parameters.
+_WIDTHS = {"medium": (324, 126, 322), "small": (168, 62, 166), "debug": (44, 6, 40)}
+_DEMO_RECIPE = {  # that of the demo of talk-v3, whose hands showed the words, without hidden ends and average
+    "data.noise": 0.3,
+    "data.noise_snr_db": (5.0, 40.0),
+    "data.reverb": 0.3,
+    "data.equalizer_db": 10.0,
+    "data.gain_db": 12.0,
+    "data.vocal_tract": 0.12,
+    "model.discriminator.layers": 1,
+    "loss.ha2g.weights.style": 0.02,
+    "loss.ha2g.weights.huber": 300.0,
+    "loss.ha2g.huber_delta": 0.2,
+    "train.learning_rate": 2e-3,
+    "train.schedule": "cosine",
+    "train.warmup_epochs": 10_000,  # the GAN term does not act
+}
+_RECIPES: dict[str, Changes] = {
+    "medium": _DEMO_RECIPE
+    | {
+        "data.workers": 8,
+        "train.batch_size": 256,
+        "train.steps": 4500,
+        "train.validate_every": 900,
+        "train.checkpoint_every": 450,
+    },
+    "small": _DEMO_RECIPE | {"train.steps": 18_000, "train.validate_every": 3000},
+    "debug": {},
+}
+
+
+def factorial(size: str) -> dict[str, Changes]:
+    """Return the settings of the factorial study at a size: the oracle, then the eight cells, the full model first.
+
+    The name of a cell lists its controls, keys of `CONTROLS`.
+
+    Raises:
+        UserError: the study has no such size.
+    """
+    if size not in _RECIPES:
+        raise UserError(f"the factorial study has no size {size}; expected one of {', '.join(_RECIPES)}")
+    recipe, (holistic, uncoordinated, both) = _RECIPES[size], _WIDTHS[size]
+    widths = {(HOLISTIC,): holistic, (NO_COORDINATOR,): uncoordinated, (HOLISTIC, NO_COORDINATOR): both}
+    rows: dict[str, Changes] = {ORACLE: {**recipe, "model.text.kind": "oracle"}}
+    for count in range(len(CONTROLS) + 1):
+        for controls in itertools.combinations(CONTROLS, count):
+            changes = dict(recipe)
+            for control in controls:
+                changes |= CONTROLS[control]
+            if width := widths.get(tuple(control for control in controls if control != OTHER_TEXT)):
+                changes["model.inferer.hidden_dim"] = width
+            rows[", ".join(controls) or FULL] = changes
+    return rows

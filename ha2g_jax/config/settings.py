@@ -104,7 +104,12 @@ SETTINGS = (
     Setting("model.identity.images.width", 64, _SIZE, "channels of the first stage"),
     Setting("model.identity.feature_dim", 18, _SIZE, "values of f_id"),
     Setting("model.inferer.levels", (), several(whole(1, MAX_LAYERS)), "levels of the motion, from 1; () for all"),
-    Setting("model.inferer.coordinator", "levels", one_of("levels", "tied"), "tied: the same audio for all levels"),
+    Setting(
+        "model.inferer.coordinator",
+        "levels",
+        one_of("levels", "tied", "none"),
+        "tied: one blend for all levels; none: the GRU reads f_id",
+    ),
     Setting("model.inferer.hidden_dim", 300, _HIDDEN, "values of a state of the GRU"),
     Setting("model.inferer.layers", 4, _LAYERS, "layers of the GRU"),
     Setting("model.inferer.dropout", 0.3, _FRACTION, "dropout rate between the layers"),
@@ -153,15 +158,21 @@ _STYLE_CLIP = Setting("style_clip", 1000.0, above(0), "epsilon of Eq. 7")
 
 # What a method has beside `SETTINGS` or in place of one of them; weights and settings of its losses.
 OF_METHOD: dict[str, tuple[Setting, ...]] = {
-    "ha2g": _losses(
-        "ha2g",  # weights of the paper, but for "physical" (0.1, D18); that of "huber" is of one level (D14)
-        {"gan": 1.0, "huber": 200.0, "physical": 0.01, "style": 0.05, "kld": 0.1, "contrastive": 0.1},
-        _GAN_KIND,
-        _HUBER_DELTA,
-        _TEMPERATURE,
-        _NEGATIVES,
-        Setting("style_delta", 0.05, above(0), "as huber_delta, of the style term (D15)"),
-        _STYLE_CLIP,
+    "ha2g": (
+        Setting("model.text.kind", "tcn", one_of("tcn", "oracle"), "oracle: f_t is in the place of f_high, a control"),
+        *_losses(
+            "ha2g",  # weights of the paper, but for "physical" (0.1, D18); that of "huber" is of one level (D14)
+            {"gan": 1.0, "huber": 200.0, "physical": 0.01, "style": 0.05, "kld": 0.1, "contrastive": 0.1},
+            _GAN_KIND,
+            _HUBER_DELTA,
+            _TEMPERATURE,
+            _NEGATIVES,
+            Setting("style_delta", 0.05, above(0), "as huber_delta, of the style term (D15)"),
+            _STYLE_CLIP,
+            Setting(
+                "text", "own", one_of("own", "other"), "window whose text the contrastive term sees; other: a control"
+            ),
+        ),
     ),
     "energy_ha2g": (  # the networks of HA2G with noise, see `methods.energy_ha2g`
         _PAPER,

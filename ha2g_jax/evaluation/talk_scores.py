@@ -91,6 +91,7 @@ def score_known_causes(
     limits: Mapping[str, int | None],
     seed: int = 0,
     look_ahead: int | None = None,
+    by_speaker: Sequence[str] = CLAIMED,
 ) -> dict[str, dict[str, Any]]:
     """Score a model against the strokes, words and styles that cause the motion of a Talk corpus.
 
@@ -109,11 +110,12 @@ def score_known_causes(
     Args:
         limits: name of each split to score -> greatest number of clips, drawn at random; None for all.
         look_ahead: frames of speech that a stream hears beyond each frame; None for motion of whole clips.
+        by_speaker: metrics that are measured without each speaker in turn, too.
 
     Returns:
         {split: {"rows": {row: {metric: {"value", "low", "high", "error"}}}, "without_speakers": {metric: {speaker:
         value}}, "counts", "notes"}}; the error is a standard error by clip, for the style by speaker, None where
-        undefined. The values without a speaker are of the row "model", for the metrics `CLAIMED`.
+        undefined. The values without a speaker are of the row "model".
 
     Raises:
         UserError: no such split; a corpus without known strokes or of another skeleton or frame rate.
@@ -130,18 +132,32 @@ def score_known_causes(
     num_probed = num_clips + min(_MAX_PROBE_CLIPS, len(corpus.clips(TRAIN))) if model.has_audio_levels else 0
     with progress_bar("scoring against known causes", num_clips + num_taken + num_probed, "clip") as progress:
         results = {
-            name: _score_split(model, corpus, clips, seed, look_ahead, progress) for name, clips in chosen.items()
+            name: _score_split(model, corpus, clips, seed, look_ahead, by_speaker, progress)
+            for name, clips in chosen.items()
         }
         accuracies = _probe(model, corpus, chosen, seed, progress) if model.has_audio_levels else {}
     for name, (own, majority) in accuracies.items():
         for row, predictions in ((MODEL, own), (MAJORITY, majority)):
             accuracy = score_as_json(PROBE_ACCURACY.measure(predictions))
             results[name]["rows"].setdefault(row, {})[PROBE_ACCURACY.name] = accuracy
+        if PROBE_ACCURACY.name in by_speaker:
+            speakers = {clip.id: clip.speaker for clip in chosen[name]}
+            of_words = np.array([speakers[clip] for clip in own.clips.tolist()])
+            kept = {speaker: of_words != speaker for speaker in sorted(set(speakers.values()))}
+            results[name]["without_speakers"][PROBE_ACCURACY.name] = {
+                speaker: float(np.mean(own.is_right[words])) if words.any() else None for speaker, words in kept.items()
+            }
     return results
 
 
 def _score_split(
-    model: Model, corpus: Corpus, clips: Sequence[Clip], seed: int, look_ahead: int | None, progress: tqdm
+    model: Model,
+    corpus: Corpus,
+    clips: Sequence[Clip],
+    seed: int,
+    look_ahead: int | None,
+    by_speaker: Sequence[str],
+    progress: tqdm,
 ) -> dict[str, Any]:
     skeleton, fps, first_frame = corpus.skeleton, corpus.fps, model.spec.num_seed_frames
     trials: dict[str, list[Trial]] = {name: [] for name in (MODEL, WORDLESS, TEACHER, STILL)}
@@ -171,7 +187,8 @@ def _score_split(
         "rows": {name: {key: score_as_json(value) for key, value in row.items()} for name, row in rows.items()},
         "without_speakers": {
             metric: {speaker: _number(value) for speaker, value in without_speakers(own, metric).items()}
-            for metric in CLAIMED
+            for metric in by_speaker
+            if metric != PROBE_ACCURACY.name
         },
         "counts": {
             "clips": len(clips),

@@ -80,3 +80,19 @@ def test_levels_that_do_not_end_in_the_whole_pose_are_refused(levels):
     config = presets.make("talk", "debug", changes={"model.inferer.levels": levels})
     with pytest.raises(UserError, match=r"config.model.inferer.levels"):
         build(config)
+
+
+@pytest.mark.parametrize("size", ["small", "medium"])
+def test_cells_of_the_factorial_study_have_as_many_parameters(size):
+    """Within 1 %, of what makes poses from features and of all networks."""
+    counts = {}
+    for name, changes in presets.factorial(size).items():
+        if presets.OTHER_TEXT not in name:  # which changes a term alone
+            config = presets.make("talk", size, changes=changes)
+            params = methods.variable_shapes(build(config))["params"]
+            parts = {part: sum(leaf.size for leaf in jax.tree.leaves(tree)) for part, tree in params.items()}
+            makes_poses = sum(count for part, count in parts.items() if part.startswith(("pose_", "coordinator")))
+            counts[name] = (makes_poses, sum(parts.values()))
+    assert len(counts) == 5
+    for found in counts.values():
+        assert found == pytest.approx(counts[presets.FULL], rel=0.01)

@@ -59,6 +59,7 @@ class LossSettings(NamedTuple):
     negatives: tuple[str, ...]
     style_delta: float
     style_clip: float
+    text: str
 
 
 class Outputs(NamedTuple):
@@ -96,15 +97,18 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
         level_channels=_level_channels(inferer.levels, skeleton),
         audio_levels=tuple(name for name in losses.AUDIO_LEVELS if name in audio.levels),
         is_tied=inferer.coordinator == "tied",
+        has_coordinator=inferer.coordinator != "none",
+        reads_words=config.model.text.kind == "oracle",
         num_seed_frames=config.data.num_seed_frames,
         hidden_dim=inferer.hidden_dim,
         layers=inferer.layers,
         dropout=inferer.dropout,
     )
     discriminator = Discriminator(**config.model.discriminator)
-    inputs = encoder.inputs
+    inputs = (*encoder.inputs, "words")
     # The words serve the contrastive loss alone, so that generation does without them.
-    return make_spec(config, skeleton, generator, discriminator, inputs=inputs, training_inputs=(*inputs, "words"))
+    needed = inputs if generator.reads_words else encoder.inputs
+    return make_spec(config, skeleton, generator, discriminator, inputs=needed, training_inputs=inputs)
 
 
 def resnet_se(config: Config, *, reads_decibels: bool = False) -> AudioEncoder:
@@ -275,6 +279,7 @@ def terms(
     skeleton = spec.skeleton
     angles = joint_angles(skeleton, restore(spec, outputs.poses[-1])) / jnp.pi
     levels = tuple(targets[..., jnp.array(channels)] for channels in spec.generator.level_channels)
+    text = outputs.text if settings.text == "own" else jnp.roll(outputs.text, 1, axis=0)
     return Terms(
         gan=gan,
         huber=losses.huber(outputs.poses, levels, settings.huber_delta),
@@ -282,6 +287,6 @@ def terms(
         style=losses.style(outputs.poses[-1], *contrast, delta=settings.style_delta, clip=settings.style_clip),
         kld=losses.kld(outputs.mean, outputs.log_variance),
         contrastive=losses.contrastive(
-            outputs.text, *outputs.features, temperature=settings.temperature, negatives=settings.negatives
+            text, *outputs.features, temperature=settings.temperature, negatives=settings.negatives
         ),
     )

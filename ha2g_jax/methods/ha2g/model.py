@@ -40,16 +40,19 @@ class StyleCoordinator(nn.Module):
     Attributes:
         audio_levels: of low, mid and high, those that may count; the others have weight 0 (Table 3).
         is_tied: whether all levels of the motion share one column (Table 4, "same audio").
+        has_style: whether the weights follow from the identity; otherwise they are the same for all.
     """
 
     num_levels: int
     audio_levels: tuple[str, ...] = Features._fields
     is_tied: bool = False
+    has_style: bool = True
 
     @nn.compact
     def __call__(self, f_id: jax.Array) -> jax.Array:
         """Maps f_id (B, 18) to C (B, 3, H), whose columns over low, mid and high sum to 1."""
         num_audio, num_columns = len(Features._fields), 1 if self.is_tied else self.num_levels
+        f_id = f_id if self.has_style else jnp.ones_like(f_id[:, :1])
         scores = nn.Dense(num_audio * num_columns, kernel_init=initializers.LINEAR, name="linear")(f_id)
         scores = scores.reshape(f_id.shape[0], num_audio, num_columns)
         may_count = jnp.array([name in self.audio_levels for name in Features._fields])[None, :, None]
@@ -70,6 +73,9 @@ class HA2G(nn.Module):
         level_channels: channels of the flat pose that each level h = 1..H holds (`Skeleton.level_channels`, or some
             of them, the last included, where an ablation leaves levels out).
         audio_levels, is_tied: of the style coordinator.
+        has_coordinator: whether the identity chooses the blend of the audio; otherwise every stage reads the identity
+            beside a blend that is the same for all, a control of the coordinator.
+        reads_words: whether f_t is in the place of f_high, an oracle that is told the words.
         noise_dim: channels of the noise that every stage reads beside the audio; none in the paper, see
             `methods.energy_ha2g`.
     """
@@ -80,6 +86,8 @@ class HA2G(nn.Module):
     level_channels: tuple[tuple[int, ...], ...]
     audio_levels: tuple[str, ...] = Features._fields
     is_tied: bool = False
+    has_coordinator: bool = True
+    reads_words: bool = False
     num_seed_frames: int = 4
     hidden_dim: int = 300
     layers: int = 4
@@ -87,7 +95,9 @@ class HA2G(nn.Module):
     noise_dim: int = 0
 
     def setup(self) -> None:
-        self.coordinator = StyleCoordinator(len(self.level_channels), self.audio_levels, self.is_tied)
+        self.coordinator = StyleCoordinator(
+            len(self.level_channels), self.audio_levels, self.is_tied, self.has_coordinator
+        )
         self.stages = [
             PoseStage(len(channels), self.hidden_dim, self.layers, self.dropout, name=f"pose_{level}")
             for level, channels in enumerate(self.level_channels, 1)
@@ -106,7 +116,8 @@ class HA2G(nn.Module):
     def encode_speech(self, inputs: dict[str, jax.Array], *, train: bool) -> Features:
         """Maps the spectrogram of windows, such as "mel" (B, 128, 70) in dB, to f_low, f_mid, f_high (B, N, 32)."""
         (name,) = self.audio.inputs
-        return self.audio(inputs[name], train=train)
+        features = self.audio(inputs[name], train=train)
+        return features._replace(high=self.text(inputs["words"], train=train)) if self.reads_words else features
 
     def encode_text(self, words: jax.Array, *, train: bool) -> jax.Array:
         """Maps word indices on frames (B, N) to f_t (B, N, 32)."""
@@ -148,6 +159,9 @@ class HA2G(nn.Module):
         batch, num_frames = features[0].shape[:2]
         is_seed = jnp.broadcast_to(jnp.arange(num_frames)[None, :, None] < self.num_seed_frames, (batch, num_frames, 1))
 
+        if not self.has_coordinator:
+            style = jnp.broadcast_to(f_id[None, :, None], (*blended.shape[:3], f_id.shape[-1]))
+            blended = jnp.concatenate([blended, style], axis=-1)
         if noise is not None:
             noise = jnp.broadcast_to(noise, (len(blended), *noise.shape))
             blended = jnp.concatenate([blended, noise], axis=-1)

@@ -33,6 +33,7 @@ _DISCRIMINATOR_SLOPE = 0.01
 _FIXED = {
     "model.audio.kind": "resnet_se",
     "model.audio.levels": ("low", "mid", "high"),
+    "model.text.kind": "tcn",
     "model.text.receptive_field": "causal",
     "model.identity.kind": "speakers",
     "model.inferer.levels": (),

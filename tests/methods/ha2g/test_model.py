@@ -7,9 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from ha2g_jax import methods
 from ha2g_jax.config import presets
 from ha2g_jax.layers.identity import SpeakerIdentity
-from ha2g_jax.layers.resnet_se import AudioEncoder
+from ha2g_jax.layers.resnet_se import AudioEncoder, Features
 from ha2g_jax.layers.tcn import TextEncoder
 from ha2g_jax.methods.ha2g import method as ha2g
 from ha2g_jax.methods.ha2g.model import HA2G
@@ -116,3 +117,54 @@ def test_every_seed_channel_reaches_the_last_level_in_every_row_of_table_4(row):
     _, infer = _inferrer(spec.generator, *sizes)
     last, pull_back = jax.vjp(lambda seed: infer(features, f_id, seed)[-1], seed)
     assert (np.abs(np.asarray(pull_back(last)[0])).max(axis=(0, 1)) > 0).all()
+
+
+def test_without_a_coordinator_the_identity_reaches_the_poses_through_the_gru():
+    features, f_id, seed = _inputs()
+    model = _model().clone(has_coordinator=False)
+    variables = model.init(jax.random.key(0), features, f_id, seed, train=False, method=model.infer)
+    blend = model.apply(variables, f_id, method=model.coordinate)
+    np.testing.assert_array_equal(blend[0], blend[1])
+    poses, others = (
+        model.apply(variables, features, style, seed, train=False, method=model.infer) for style in (f_id, f_id + 1)
+    )
+    assert all(np.abs(one - other).max() > 1e-3 for one, other in zip(poses, others, strict=True))
+
+
+def test_the_oracle_hears_the_words_in_place_of_the_high_level():
+    config = presets.make("talk", "debug", changes={"model.text.kind": "oracle", "model.inferer.levels": (6,)})
+    spec = methods.build(config, load_skeleton(config.skeleton), vocabulary_size=5, num_speakers=3)
+    assert spec.inputs == ("mel", "words")
+    model = spec.generator
+    mel = np.random.default_rng(0).uniform(-80, 0, (1, 128, 70)).astype(np.float32)
+    speech = [{"mel": mel, "words": np.full((1, 34), word)} for word in (1, 2)]
+    shapes = jax.eval_shape(
+        functools.partial(model.init, train=False, method="encode_speech"), jax.random.key(0), speech[0]
+    )
+    variables = jax.tree.map(
+        lambda x: np.full(x.shape, 0.1, np.float32) * np.arange(x.size).reshape(x.shape) % 1, shapes
+    )
+    one, other = (model.apply(variables, each, train=False, method="encode_speech") for each in speech)
+    np.testing.assert_array_equal(one.low, other.low)
+    assert np.abs(one.high - other.high).max() > 0
+    text = model.apply(variables, speech[0]["words"], train=False, method="encode_text")
+    np.testing.assert_array_equal(one.high, text)
+
+
+def test_the_control_of_the_contrastive_term_sees_the_text_of_another_window():
+    config = presets.make("talk", "debug", changes={"model.inferer.levels": (6,)})
+    spec = methods.build(config, load_skeleton(config.skeleton), vocabulary_size=5, num_speakers=3)
+    rng = np.random.default_rng(0)
+    poses, other = rng.normal(size=(2, 3, 34, 126)).astype(np.float32)
+    text, *features = rng.normal(size=(4, 3, 34, 32)).astype(np.float32)
+    f_id, other_f_id = rng.normal(size=(2, 3, 18)).astype(np.float32)
+    settings = {name: value for name, value in config.loss.ha2g.items() if name not in ("weights", "gan")}
+
+    def contrastive(kind, text):
+        outputs = ha2g.Outputs((poses,), Features(*features), text, f_id, f_id)
+        contrast = ha2g.Contrast(other, f_id, other_f_id)
+        return ha2g.terms(
+            spec, ha2g.loss_settings(settings | {"text": kind}), outputs, contrast, poses, 0.0
+        ).contrastive
+
+    assert contrastive("other", text) == contrastive("own", np.roll(text, 1, axis=0)) != contrastive("own", text)
