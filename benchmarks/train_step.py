@@ -94,6 +94,7 @@ def measure(config, arguments: argparse.Namespace) -> list[dict]:
             "compile_seconds": step.compile_seconds,
             "step_seconds": median,
             "windows_per_second": step.batch_size / median,
+            "tflops": step.operations / median / 1e12,
             "speed": medians[0] / median * step.batch_size / steps[0].batch_size,
             "memory": step.memory and step.memory._asdict() | {"total": step.memory.total},
         }
@@ -198,13 +199,14 @@ def comparison_table(rows: list[dict]) -> str:
 
 
 def as_table(rows: list[dict]) -> str:
-    header = (*_SETTINGS, "compile s", "step s", "windows/s", "speed", "memory a device")
+    header = (*_SETTINGS, "compile s", "step s", "windows/s", "TFLOP/s", "speed", "memory a device")
     cells = [
         (
             *(str(row[name]) for name in _SETTINGS),
             f"{row['compile_seconds']:.1f}",
             f"{row['step_seconds']:.4f}",
             f"{row['windows_per_second']:.1f}",
+            f"{row['tflops']:.3g}",
             f"{row['speed']:.2f}",
             gib(row["memory"]["total"]) if row["memory"] else "",
         )
