@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ha2g_jax.anatomy import finger_flexions
 from ha2g_jax.data.records import WINDOW_FRAMES
-from ha2g_jax.data.talk.anatomy import finger_flexions
 from ha2g_jax.metrics.frechet import RecordingMoments, distance
 from ha2g_jax.metrics.row import FGD_CUT, SEED_FRAMES, Cut, Latents
 from ha2g_jax.skeleton import Skeleton
