@@ -21,11 +21,11 @@ import ha2g_jax
 from ha2g_jax.cli.parser import positive
 from ha2g_jax.data.talk import flite, grammar, speakers
 from ha2g_jax.errors import UserError
+from ha2g_jax.evaluation.nods import TOLERANCE, due_nods, nod_times
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.espeak import Voice
 from ha2g_jax.features.text import Word
 from ha2g_jax.metrics.beats.strokes import match, precision, recall
-from ha2g_jax.metrics.nods import TOLERANCE, due_nods, nod_times
 from ha2g_jax.synthesis import Model
 
 _LEAST = 0.8

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from ha2g_jax.evaluation.nods import due_nods, nod_times
 from ha2g_jax.features.text import Word
-from ha2g_jax.metrics.nods import due_nods, nod_times
 from ha2g_jax.motion.control import rest_pose
 from ha2g_jax.motion.states import RunningStates, nod_depths
 from ha2g_jax.skeleton import SKELETONS, load_skeleton
