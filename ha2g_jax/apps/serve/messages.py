@@ -4,14 +4,16 @@ Paths are no part of them: a request reads no file of the machine.
 """
 
 import pathlib
-from typing import Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
 from ha2g_jax.limits import MAX_SEED
 from ha2g_jax.motion.control import Controls, read_mute
+from ha2g_jax.motion.cues import Cue, check_cue
+from ha2g_jax.motion.cues.reading import check_name
 from ha2g_jax.motion.formats import SUFFIXES, choose_rig
 from ha2g_jax.motion.rigs import OWN
 from ha2g_jax.motion.windows import DEFAULT_HOP, DEFAULT_LOOK_AHEAD
@@ -26,6 +28,7 @@ _SENTENCES = {  # for the kinds of mistakes of pydantic; those of a value are it
 }
 _MAX_LETTERS = 200  # of a message about a mistake
 
+State = Literal["auto", "idle", "listen", "think"]
 Message = TypeVar("Message", bound="_Message")
 
 
@@ -115,16 +118,40 @@ class Begin(_Message):
     controls: ControlsMessage = ControlsMessage()
     muted: bool = False
     rate: int = Field(16000, ge=8000, le=192000)
+    channels: Literal[1, 2] = 1
+    state: State = "auto"
 
 
 class Change(_Message):
-    """Later message of a stream: what is given is changed, the sound so far is dropped, or the stream ends."""
+    """Later message of a stream: what is given is changed, a cue is made, speech is dropped, or the stream ends."""
 
     style: StyleMessage | None = None
     controls: ControlsMessage | None = None
     muted: bool | None = None
-    clear: Literal[True] | None = None
+    state: State | None = None
+    clear: int | None = None  # True, or the number of a frame
+    cue: str | None = None
+    time: float | None = None
     end: Literal[True] | None = None
+
+    @field_validator("clear", mode="plain")
+    @classmethod
+    def _check_clear(cls, value: Any) -> int:
+        if value is True or (type(value) is int and value >= 0):
+            return value
+        raise ValueError("expected true, or the number of a frame")
+
+    def asked_cue(self) -> Cue | None:
+        """Return the cue; a clip is none, as it reads a file of the machine.
+
+        Raises:
+            UserError: there is no such cue, or the time is not a number of seconds.
+        """
+        if self.cue is not None:
+            return check_cue(Cue(check_name(self.cue, has_files=False), self.time))
+        if self.time is not None:
+            raise UserError('the time is that of a cue; send both, as in {"cue": "nod", "time": 1.2}')
+        return None
 
 
 def read_message(kind: type[Message], text: str) -> Message:
@@ -143,5 +170,7 @@ def one_line(errors: list) -> str:
     """Return the first of the errors of pydantic as one line."""
     first = errors[0]
     where = ".".join(str(part) for part in first["loc"] if part not in ("query", "body"))
-    what = _SENTENCES.get(first["type"]) or first["msg"].replace("Input should be", "expected")
+    what = _SENTENCES.get(first["type"]) or first["msg"].replace("Input should be", "expected").removeprefix(
+        "Value error, "
+    )
     return shown(f"{where}: {what}" if where else what)[: 2 * _MAX_LETTERS]

@@ -69,57 +69,70 @@ class Session(NamedTuple):
     """A stream and the sound that goes into it.
 
     Attributes:
+        channels: 1, the agent, or 2, with the other.
         resampler: from the rate of the client to 16 kHz, None where it is 16 kHz.
     """
 
     stream: Stream
+    channels: int
     resampler: soxr.ResampleStream | None
 
     @classmethod
-    def begin(cls, service: Service, asked: Begin, before: Stream | None = None) -> "Session":
+    def begin(cls, service: Service, asked: Begin) -> "Session":
         """Begin a session; the generator is compiled before this returns.
-
-        Args:
-            before: stream whose present style and controls are kept, in place of those that were asked for at first.
 
         Raises:
             UserError: the model cannot be streamed from, or a value cannot be used.
         """
-        style, controls, muted = asked.style.style(), asked.controls.controls(), asked.muted
-        if before is not None:
-            style, controls, muted = before.style, before.controls, before.muted
         stream = service.model.stream(
-            look_ahead=asked.look_ahead, hop=asked.hop, seed=asked.seed, style=style, controls=controls
+            look_ahead=asked.look_ahead,
+            hop=asked.hop,
+            seed=asked.seed,
+            style=asked.style.style(),
+            controls=asked.controls.controls(),
         )
-        stream.muted = muted
+        stream.muted, stream.state = asked.muted, asked.state
         is_equal = asked.rate == SAMPLE_RATE
-        resampler = None if is_equal else soxr.ResampleStream(asked.rate, SAMPLE_RATE, 1, dtype="float32", quality="HQ")
-        return cls(stream, resampler)
+        resampler = None if is_equal else soxr.ResampleStream(asked.rate, SAMPLE_RATE, asked.channels, "float32", "HQ")
+        return cls(stream, asked.channels, resampler)
 
     def feed(self, pcm: np.ndarray) -> np.ndarray:
-        """Return the frames that became final with samples (samples,) of 16 bits."""
+        """Return the frames that became final with samples (samples, channels) of 16 bits: the agent, and the other."""
         samples = pcm.astype(np.float32) / 32768
-        return self.stream.feed(samples if self.resampler is None else self.resampler.resample_chunk(samples))
+        return self.stream.feed(*(samples if self.resampler is None else self.resampler.resample_chunk(samples)).T)
 
-    def flush(self) -> np.ndarray:
-        """Return the rest of the frames."""
+    def end_sound(self) -> np.ndarray:
+        """Return the frames that became final with the milliseconds that the resampler holds back, and reset it."""
         if self.resampler is None:
-            return self.stream.flush()
-        rest = self.stream.feed(self.resampler.resample_chunk(np.zeros(0, np.float32), last=True))
-        return np.concatenate([rest, self.stream.flush()])
+            return self.stream.feed(np.zeros(0, np.float32))
+        rest = self.resampler.resample_chunk(np.zeros((0, self.channels), np.float32), last=True)
+        self.resampler.clear()
+        return self.stream.feed(*rest.T)
 
-    def change(self, asked: Change) -> None:
-        """Change style and controls.
+    def change(self, asked: Change) -> int | None:
+        """Change what is asked for, and return the first frame that goes on if speech was dropped.
 
         Raises:
-            UserError: a value cannot be used.
+            UserError: a value cannot be used; nothing has changed.
         """
-        if asked.style is not None:
-            self.stream.style = asked.style.style()
-        if asked.controls is not None:
-            self.stream.controls = asked.controls.controls()
-        if asked.muted is not None:
-            self.stream.muted = asked.muted
+        cue, stream = asked.asked_cue(), self.stream
+        before = stream.style, stream.controls
+        first = None
+        try:
+            if asked.style is not None:
+                stream.style = asked.style.style()
+            if asked.controls is not None:
+                stream.controls = asked.controls.controls()
+            if asked.clear is not None:
+                first = stream.clear(None if asked.clear is True else asked.clear)
+        except UserError:
+            stream.style, stream.controls = before
+            raise
+        stream.muted = stream.muted if asked.muted is None else asked.muted
+        stream.state = stream.state if asked.state is None else asked.state
+        if cue is not None:
+            stream.cue(cue)
+        return first
 
 
 async def _converse(service: Service, websocket: WebSocket) -> None:
@@ -158,31 +171,38 @@ async def _run(service: Service, websocket: WebSocket) -> None:
         raise UserError('the first message is binary; expected JSON, such as {"look_ahead": 8}')
     asked = read_message(Begin, first)
     session = await service.compute(Session.begin, service, asked)
-    stream, sent = session.stream, 0  # frames that were sent since the last clear
+    stream, sent = session.stream, 0
     facts = {"fps": stream.fps, "skeleton": stream.skeleton.name, "bones": stream.skeleton.num_bones}
     timing = {"look_ahead": stream.look_ahead, "hop": stream.hop, "latency": round(stream.latency, 4)}
     await _send(service, websocket, facts | timing)
     while True:
         message = await _receive(service, websocket)
         if isinstance(message, str):
-            change = read_message(Change, message)
-            await service.compute(session.change, change)
-            if change.clear:
-                session, sent = await service.compute(Session.begin, service, asked, session.stream), 0
-                await _send(service, websocket, {"cleared": True})
+            try:
+                change = read_message(Change, message)
+                if change.clear is not None and session.resampler:  # what it holds back is dropped, too
+                    sent = await _send_frames(service, websocket, sent, await service.compute(session.end_sound))
+                first = await service.compute(session.change, change)
+            except UserError as error:
+                await _send(service, websocket, {"error": str(error)})
+                continue
+            if first is not None:
+                sent = first
+                await _send(service, websocket, {"cleared": True, "first": first})
             if change.end:
                 break
             continue
-        if len(message) % 2:
+        if len(message) % (2 * asked.channels):
             raise UserError(f"a message of {len(message)} bytes; expected whole samples of 16 bits")
-        pcm = np.frombuffer(message, "<i2")
+        pcm = np.frombuffer(message, "<i2").reshape(-1, asked.channels)
         length = round(asked.rate * _PIECE_SECONDS)
         for start in range(0, len(pcm), length):
             begun = time.monotonic()
             frames = await service.compute(session.feed, pcm[start : start + length])
             service.counters.feed_seconds.observe(time.monotonic() - begun)
             sent = await _send_frames(service, websocket, sent, frames)
-    sent = await _send_frames(service, websocket, sent, await service.compute(session.flush))
+    sent = await _send_frames(service, websocket, sent, await service.compute(session.end_sound))
+    sent = await _send_frames(service, websocket, sent, await service.compute(stream.flush))
     await _send(service, websocket, {"end": True, "count": sent})
 
 

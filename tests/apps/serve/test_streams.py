@@ -48,9 +48,9 @@ BAD_MESSAGES = {
     "deep JSON": (["[" * 10_000], "JSON"),
     "unknown name": (['{"speed": 1}'], "speed: no such name"),
     "look-ahead": (['{"look_ahead": 99}'], "the look-ahead is 99"),
+    "channels": (['{"channels": 3}'], "channels: expected 1 or 2"),
     "file": (['{"style": {"images": ["/etc/passwd"]}}'], "style.images: no such name"),
-    "half a sample": (["{}", b"\0"], "whole samples of 16 bits"),
-    "change": (["{}", '{"controls": {"energy": 9}}'], "the energy is 9"),
+    "half a sample": (['{"channels": 2}', b"\0\0"], "whole samples of 16 bits"),
 }
 
 
@@ -88,21 +88,67 @@ def test_a_stream_that_takes_too_long_is_ended(debug_model, limit, text):
     assert code == 1008 and text in received[-1]["error"]
 
 
-def test_clear_begins_the_motion_again_with_the_style_and_controls_of_the_stream(debug_model):
-    """The frames after "cleared" are those of a new stream of the sound after it, counted from 0."""
-    old, new = speech(1.5)[:20000], speech(2)[8000:]
-    with running(debug_model) as client, client.stream() as websocket:
-        begin(websocket, seed=3)
-        websocket.send(old.tobytes())
-        websocket.send('{"style": {"speaker": "ben"}, "controls": {"energy": 0.5}, "clear": true}')
-        while "cleared" not in (message := json.loads(websocket.recv(timeout=20))):
-            assert "frames" in message
-        assert message == {"cleared": True}
-        websocket.send(new.tobytes())
-        frames, last = finish(websocket)
-    with running(debug_model) as client, client.stream() as websocket:
-        begin(websocket, seed=3, style={"speaker": "ben"}, controls={"energy": 0.5})
-        websocket.send(new.tobytes())
-        expected, _ = finish(websocket)
-    assert last["count"] == len(frames) == len(expected) == 22
-    np.testing.assert_array_equal(frames, expected)
+TEXTS = {
+    "deep JSON": ("[" * 10_000, "JSON"),
+    "control": ('{"style": {"speaker": "ben"}, "controls": {"energy": 9}}', "the energy is 9"),
+    "state": ('{"state": "sleep"}', "state: expected 'auto', 'idle', 'listen' or 'think'"),
+    "cue": ('{"cue": "dance"}', "no cue 'dance'; expected"),
+    "clip": ('{"cue": "clip:/etc/passwd"}', "no cue"),
+    "word": ('{"cue": "nod", "word": "yes"}', "word: no such name"),
+    "clear": ('{"clear": false}', "clear: expected true, or the number of a frame"),
+    "later frame": ('{"style": {"speaker": "ben"}, "clear": 900}', "frame 900 is not remembered; clear one of 0 to"),
+}
+
+
+def test_text_that_cannot_be_used_is_answered_and_changes_nothing(client):
+    """Two hundred such messages, too."""
+    scrambled = np.random.default_rng(0).integers(32, 127, (192, 40), np.uint8)
+    texts = [text for text, _ in TEXTS.values()] + [bytes(row).decode() for row in scrambled]
+    answers, pcm, found = [], speech(1), []
+    for each in ([], texts):
+        with client.stream() as websocket:
+            begin(websocket)
+            websocket.send(pcm[:9000].tobytes())
+            for text in each:
+                websocket.send(text)
+            websocket.send(pcm[9000:].tobytes())
+            websocket.send('{"end": true}')
+            received, code = closing(websocket)
+        assert code == 1000
+        answers = [message["error"] for message in received if "error" in message]
+        found.append([message for message in received if "error" not in message])
+    assert found[0] == found[1] and len(answers) == len(texts) == 200
+    assert not any("\n" in answer or len(answer) > 500 for answer in answers)
+    for answer, (_, expected) in zip(answers, TEXTS.values(), strict=False):
+        assert expected in answer
+
+
+@pytest.mark.parametrize(("clear", "rate"), [(True, 16000), (12, 16000), (True, 48000)])
+def test_clear_goes_on_as_the_stream_of_the_model_does(client, debug_model, clear, rate):
+    """With changes in the same message, and the sound of the other in the second channel."""
+    pcm = np.repeat(np.stack([speech(2), speech(2)[::-1]], axis=-1), rate // 16000, axis=0)
+    stream = debug_model.stream(seed=3)
+    samples = pcm[:: rate // 16000].astype(np.float32).T / 32768
+    shown = stream.feed(*samples)
+    stream.style, stream.state = Style(speaker="ben"), "listen"
+    first = stream.clear(None if clear is True else clear)
+    stream.cue("nod")
+    expected = np.concatenate([shown[:first], stream.feed(*samples), stream.flush()])
+    with client.stream() as websocket:
+        begin(websocket, seed=3, rate=rate, channels=2)
+        for part in np.array_split(pcm, 12):
+            websocket.send(part.tobytes())
+        change = {"style": {"speaker": "ben"}, "state": "listen", "clear": clear, "cue": "nod"}
+        websocket.send(json.dumps(change))
+        for part in np.array_split(pcm, 12):
+            websocket.send(part.tobytes())
+        websocket.send('{"end": true}')
+        received, code = closing(websocket)
+    place = received.index({"cleared": True, "first": first})
+    frames = [row for message in received[:place] for row in message["frames"]][:first]
+    for message in received[place + 1 : -1]:
+        assert message["first"] == len(frames)
+        frames += message["frames"]
+    assert code == 1000 and received[-1] == {"end": True, "count": len(expected)}
+    if rate == 16000:
+        np.testing.assert_allclose(np.array(frames).reshape(-1, 42, 3), expected, atol=5.1e-5)
