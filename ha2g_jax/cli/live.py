@@ -9,6 +9,7 @@ from typing import Any
 
 from ha2g_jax.cli import generate
 from ha2g_jax.cli.parser import read_seed, refuse_others
+from ha2g_jax.motion.states import STATES
 from ha2g_jax.motion.windows import DEFAULT_HOP, DEFAULT_LOOK_AHEAD
 from ha2g_jax.progress import stage
 
@@ -38,6 +39,13 @@ def add_commands(commands: Any) -> None:
     command.add_argument("--checkpoint", default="demo", help="'demo', a workdir, a model folder or hf://OWNER/NAME")
     command.add_argument(
         "--rate", type=int, metavar="HZ", help="samples per second of PCM (default: 16000, or those of the microphone)"
+    )
+    command.add_argument(
+        "--channels",
+        type=int,
+        choices=(1, 2),
+        default=1,
+        help="2: the left channel is the agent, the right one the person whom the agent listens to (default: 1)",
     )
     command.add_argument("--fast", action="store_true", help="take a file as fast as it is computed, not in real time")
     command.add_argument(
@@ -75,6 +83,9 @@ def add_commands(commands: Any) -> None:
     controls.add_argument(
         "--muted", action="store_true", help='begin with resting arms, until the sender of ws:// says {"muted": false}'
     )
+    controls.add_argument(
+        "--state", choices=STATES, default="auto", help="what the body does without speech (default: auto)"
+    )
     command.set_defaults(run=run)
 
 
@@ -99,7 +110,7 @@ def run(arguments: argparse.Namespace) -> int:
         from ha2g_jax.apps.live.sources import open_source
 
     stop = StopFlag()
-    source = open_source(arguments.source, arguments.rate, arguments.fast)
+    source = open_source(arguments.source, arguments.rate, arguments.fast, arguments.channels)
     with contextlib.ExitStack() as stack:
         sinks = open_sinks(arguments.sink, stack, arguments.rig)
         with stage("loading the model"):
@@ -114,6 +125,7 @@ def run(arguments: argparse.Namespace) -> int:
             seed=arguments.seed,
             controls=generate.read_amounts(arguments),
             muted=arguments.muted,
+            state=arguments.state,
             delay=arguments.delay,
             fps=arguments.fps,
             stop=stop,

@@ -15,7 +15,7 @@ from ha2g_jax.apps.live.clock import Clock, StopFlag, Timeline
 from ha2g_jax.apps.live.frames import Frame, Interpolation, Rigs
 from ha2g_jax.apps.live.sender import Meter, Sender
 from ha2g_jax.apps.live.sinks import Sinks
-from ha2g_jax.apps.live.sources import Source
+from ha2g_jax.apps.live.sources import Change, Source
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.limits import MAX_MOTION_SECONDS
@@ -43,6 +43,7 @@ def run(
     seed: int = 0,
     controls: control.Controls = control.NEUTRAL,
     muted: bool = False,
+    state: str = "auto",
     delay: float | None = None,
     fps: int | None = None,
     stop: StopFlag | None = None,
@@ -57,7 +58,7 @@ def run(
         source: sound.
         sinks: where the frames go.
         look_ahead, hop, style, seed, controls: see `Model.stream`.
-        muted: whether the arms rest until the source says otherwise.
+        muted, state: see `Stream`; until the source says otherwise.
         delay: seconds that the sound is played later than the source gives it; by default the least, the latency of
             the stream and the delay of the interpolation, with which frames leave when they are computed.
         fps: frames per second that are sent, by default those of the model; other rates are interpolated.
@@ -73,7 +74,7 @@ def run(
     stop = stop or StopFlag()
     with stage("compiling the model"):
         stream = model.stream(look_ahead=look_ahead, hop=hop, style=style, seed=seed, controls=controls)
-    stream.muted = muted
+    stream.muted, stream.state = muted, state
     interpolation = Interpolation(stream.fps, stream.fps if fps is None else fps)
     latency = stream.latency + interpolation.delay
     if delay is not None and not latency <= delay <= _LONGEST_DELAY:
@@ -138,9 +139,9 @@ def _follow(
         shown = clock.now()
         for chunk in chunks:
             timeline.add(len(chunk.samples), chunk.heard)
-            if chunk.muted is not None:
-                stream.muted = chunk.muted
-            emit(_timed(meter, clock, stream.feed, chunk.samples))
+            if chunk.change is not None:
+                _change(stream, chunk.change)
+            emit(_timed(meter, clock, stream.feed, chunk.samples, chunk.other))
             meter.sound_seconds, meter.lost_seconds = timeline.num_samples / SAMPLE_RATE, source.lost_seconds
             if clock.now() - shown >= _METER_SECONDS:
                 shown = clock.now()
@@ -152,7 +153,17 @@ def _follow(
     return meter
 
 
-def _timed(meter: Meter, clock: Clock, function: Any, *arguments: np.ndarray) -> np.ndarray:
+def _change(stream: Stream, change: Change) -> None:
+    """Change a stream as its sender asks for."""
+    stream.muted = stream.muted if change.muted is None else change.muted
+    stream.state = change.state or stream.state
+    if change.clear:
+        stream.clear()
+    if change.cue is not None:
+        stream.cue(change.cue)
+
+
+def _timed(meter: Meter, clock: Clock, function: Any, *arguments: np.ndarray | None) -> np.ndarray:
     """Call a function and count its time as that of the computation."""
     before = clock.now()
     result = function(*arguments)

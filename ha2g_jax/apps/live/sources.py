@@ -4,8 +4,10 @@ Sound that arrives by itself is taken from outside by a thread, which puts it in
 opened when the run begins to listen, so that no sound waits for the model to be loaded. A sender that can wait (a pipe,
 a WebSocket) waits while the queue is full; the sound of a microphone is lost then. What is sent is heard from the
 moment it arrives, or after the sound before it; where nothing is sent, silence is heard, so that the motion goes on.
+What is sent ahead waits here until its time, so that it can be dropped when its speaker is interrupted.
 """
 
+import collections
 import contextlib
 import io
 import json
@@ -13,6 +15,7 @@ import pathlib
 import queue
 import sys
 import threading
+import time
 from collections.abc import Generator, Iterator
 from typing import Any, BinaryIO, NamedTuple, Protocol
 
@@ -25,11 +28,15 @@ from ha2g_jax.apps.live.clock import Clock, StopFlag, wait_until
 from ha2g_jax.apps.live.network import Address, read_address, serving
 from ha2g_jax.errors import UserError, require
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
-from ha2g_jax.files.reading import reason, shown
+from ha2g_jax.files.reading import parse_json, reason, shown
 from ha2g_jax.limits import MAX_SOUND_RATE, MIN_SOUND_RATE
+from ha2g_jax.motion.cues import Cue, read_cue
+from ha2g_jax.motion.states import STATES
 
 CHUNK_SECONDS = 0.02
-_QUEUE = 50  # pieces: a second of the microphone, a few of a pipe
+_QUEUE = 50  # pieces: a second of the microphone
+_AHEAD_SECONDS = 120  # of sound that is sent ahead and waits
+_LONGEST_PIECE = 0.1  # seconds of it that are heard at once
 _PIECE = 4096  # bytes of a pipe
 _PATIENCE = 0.06  # seconds after the end of the sound until silence is heard; less than a frame
 _POLL = 0.02  # seconds between two looks at the queue
@@ -51,15 +58,25 @@ _OTHERS = {
 }
 
 
+class Change(NamedTuple):
+    """What a sender asks for: values of a stream, see `Stream`; a cue; or to drop the speech that is not shown yet."""
+
+    muted: bool | None = None
+    state: str | None = None
+    cue: Cue | None = None
+    clear: bool = False
+
+
 class Chunk(NamedTuple):
     """Samples (samples,), float32 mono at 16 kHz, and the time of the clock at which the first of them is heard.
 
-    Where `muted` is not None, the arms rest, or move again, from here on.
+    `other` are those of the person who is spoken with, and `change` takes effect before these samples.
     """
 
     samples: np.ndarray
     heard: float
-    muted: bool | None = None
+    other: np.ndarray | None = None
+    change: Change | None = None
 
 
 class Source(Protocol):
@@ -111,69 +128,99 @@ class FileSource:
 class Resampler:
     """Conversion of sound that arrives in pieces to 16 kHz."""
 
-    def __init__(self, rate: float) -> None:
+    def __init__(self, rate: float, channels: int = 1) -> None:
         self._rate = rate
-        self._stream = None if rate == SAMPLE_RATE else soxr.ResampleStream(rate, SAMPLE_RATE, 1, dtype="float32")
+        is_equal = rate == SAMPLE_RATE
+        self._stream = None if is_equal else soxr.ResampleStream(rate, SAMPLE_RATE, channels, dtype="float32")
         self._taken = self._given = 0
 
     def resample(self, samples: np.ndarray, heard: float, is_last: bool = False) -> Chunk:
         """Convert a piece; the last milliseconds of it are held back, unless the sound ends here.
 
         Args:
-            samples: (samples,) float32 mono; values that are not finite become 0.
+            samples: (samples,) float32 mono, or (samples, 2), the agent and the other; values that are not finite
+                become 0.
             heard: time at which the first of them is heard.
             is_last: whether the sound ends here.
         """
         samples = np.nan_to_num(samples.astype(np.float32, copy=False), nan=0.0, posinf=0.0, neginf=0.0)
-        if self._stream is None:
-            return Chunk(samples, heard)
-        heard += self._given / SAMPLE_RATE - self._taken / self._rate
-        resampled = self._stream.resample_chunk(samples, last=is_last)
-        self._taken += len(samples)
-        self._given += len(resampled)
-        return Chunk(resampled, heard)
+        if self._stream is not None:
+            heard += self._given / SAMPLE_RATE - self._taken / self._rate
+            self._taken += len(samples)
+            samples = self._stream.resample_chunk(samples, last=is_last)
+            self._given += len(samples)
+        return Chunk(samples, heard) if samples.ndim == 1 else Chunk(samples[:, 0], heard, samples[:, 1])
 
 
 class Inbox:
     """Sound that is sent in pieces of any length, on its way from the thread that receives it to the run."""
 
-    def __init__(self, rate: int) -> None:
-        self._rate = rate
-        self._pieces: queue.Queue[np.ndarray | bool | UserError | None] = queue.Queue(_QUEUE)
+    def __init__(self, rate: int, channels: int = 1) -> None:
+        self._rate, self._channels = rate, channels
+        self._pieces: collections.deque[np.ndarray | Change | UserError | None] = collections.deque()
+        self._num_waiting = 0  # samples
+        self._lock = threading.Lock()
         self._is_closed = False
 
-    def put(self, piece: np.ndarray | bool | UserError | None) -> bool:
+    def put(self, piece: np.ndarray | Change | UserError | None) -> bool:
         """Wait until there is space, append a piece, and return whether the run still listens.
 
-        A piece is samples, whether the arms rest from there on, None for the end of the sound, or an error that is
-        raised there.
+        A piece is samples, a change from there on, None for the end of the sound, or an error that is raised there. A
+        clear drops the samples that wait.
         """
         while not self._is_closed:
-            with contextlib.suppress(queue.Full):
-                self._pieces.put(piece, timeout=_POLL)
-                return True
+            with self._lock:
+                if isinstance(piece, Change) and piece.clear:
+                    self._pieces = collections.deque(each for each in self._pieces if not isinstance(each, np.ndarray))
+                    self._num_waiting = 0
+                if not isinstance(piece, np.ndarray) or self._num_waiting < _AHEAD_SECONDS * self._rate:
+                    self._num_waiting += len(piece) if isinstance(piece, np.ndarray) else 0
+                    self._pieces.append(piece)
+                    return True
+            time.sleep(_POLL)
         return False
 
     def close(self) -> None:
         """Let the thread that puts samples end."""
         self._is_closed = True
 
+    def _take(self, is_due: bool) -> np.ndarray | Change | UserError | None:
+        """Take the next piece, at most `_LONGEST_PIECE` of sound; samples only if they are due.
+
+        Raises:
+            queue.Empty: there is none.
+        """
+        with self._lock:
+            if not self._pieces or (isinstance(self._pieces[0], np.ndarray) and not is_due):
+                raise queue.Empty
+            piece = self._pieces.popleft()
+            if isinstance(piece, np.ndarray):
+                most = round(_LONGEST_PIECE * self._rate)
+                if len(piece) > most:
+                    self._pieces.appendleft(piece[most:])
+                    piece = piece[:most]
+                self._num_waiting -= len(piece)
+            return piece
+
     def chunks(self, clock: Clock, stop: StopFlag) -> Generator[Chunk, None, None]:
         """Yield the sound as it is heard, and silence where there is none."""
-        resampler, end = Resampler(self._rate), clock.now()  # `end`: when the sound so far has been heard
-        silence = np.zeros(round(CHUNK_SECONDS * self._rate), np.float32)
+        resampler, end = Resampler(self._rate, self._channels), clock.now()  # `end`: when the sound has been heard
+        silence = np.zeros((round(CHUNK_SECONDS * self._rate), *[2] * (self._channels == 2)), np.float32)
         is_silent = False
         while not stop.is_asked():
             piece = silence
             with contextlib.suppress(queue.Empty):
-                piece = self._pieces.get_nowait()
+                piece = self._take(end - clock.now() <= 2 * _POLL)  # early enough that no look at the queue is late
             if isinstance(piece, UserError):
                 raise piece
-            if isinstance(piece, bool):
-                yield Chunk(np.zeros(0, np.float32), end, piece)
+            if isinstance(piece, Change):
+                if piece.clear:  # what the resampler holds back is dropped, too
+                    yield resampler.resample(silence[:0], end, is_last=True)
+                    resampler = Resampler(self._rate, self._channels)
+                yield Chunk(np.zeros(0, np.float32), end, change=piece)
                 continue
             if piece is None:
-                yield resampler.resample(np.zeros(0, np.float32), end, is_last=True)
+                yield resampler.resample(silence[:0], end, is_last=True)
                 return
             if piece is silence:
                 patience = CHUNK_SECONDS if is_silent else _PATIENCE
@@ -189,7 +236,9 @@ class Inbox:
 
 
 class PipeSource:
-    """Standard input, or another file: raw PCM, 16 bits, little-endian, mono, or a WAV, whose header says what it is.
+    """Standard input, or another file: raw PCM, 16 bits, little-endian, or a WAV, whose header says what it is.
+
+    It is mono; of 2 channels the left one is the agent, and the right one the person who is spoken with.
 
     Raises:
         UserError: standard input is a terminal.
@@ -197,20 +246,21 @@ class PipeSource:
 
     name, is_timed, lost_seconds = "stdin", True, 0.0
 
-    def __init__(self, rate: int | None, file: BinaryIO | None = None) -> None:
+    def __init__(self, rate: int | None, file: BinaryIO | None = None, channels: int = 1) -> None:
         if file is None and (sys.stdin is None or sys.stdin.isatty()):
             raise UserError("stdin is not a pipe; pipe a WAV into it, or raw PCM of 16 bits, little-endian, mono")
         # Unbuffered: a thread that waits for input in a buffered file would hold its lock when the program ends.
-        self._rate, self._file = rate, file or open(sys.stdin.fileno(), "rb", buffering=0, closefd=False)  # noqa: SIM115
+        self._rate, self._channels = rate, channels
+        self._file = file or open(sys.stdin.fileno(), "rb", buffering=0, closefd=False)  # noqa: SIM115
 
     def chunks(self, clock: Clock, stop: StopFlag) -> Generator[Chunk, None, None]:
-        with contextlib.closing(Inbox(self._rate or SAMPLE_RATE)) as inbox:
+        with contextlib.closing(Inbox(self._rate or SAMPLE_RATE, self._channels)) as inbox:
             # It may wait for input for ever, and does not keep the program from ending.
             threading.Thread(target=self._read, args=(inbox,), daemon=True).start()
             yield from inbox.chunks(clock, stop)
 
     def _read(self, inbox: Inbox) -> None:
-        decoder = _Decoder(self._rate)
+        decoder = _Decoder(self._rate, self._channels)
         try:
             while data := self._file.read(_PIECE):
                 if not inbox.put(decoder.decode(data)):
@@ -222,16 +272,16 @@ class PipeSource:
 
 
 class WebSocketSource:
-    """A WebSocket to which one client at a time sends binary messages of PCM or WAV as of `PipeSource`."""
+    """A WebSocket to which one client at a time sends binary messages of PCM or WAV as of `PipeSource`, and changes."""
 
     is_timed, lost_seconds = True, 0.0
 
-    def __init__(self, address: Address, rate: int | None) -> None:
-        self.name, self._address, self._rate = str(address), address, rate
+    def __init__(self, address: Address, rate: int | None, channels: int = 1) -> None:
+        self.name, self._address, self._rate, self._channels = str(address), address, rate, channels
         self._sender = threading.Lock()
 
     def chunks(self, clock: Clock, stop: StopFlag) -> Generator[Chunk, None, None]:
-        inbox = Inbox(self._rate or SAMPLE_RATE)
+        inbox = Inbox(self._rate or SAMPLE_RATE, self._channels)
         with serving(self._address, lambda connection: self._receive(connection, inbox)), contextlib.closing(inbox):
             yield from inbox.chunks(clock, stop)
 
@@ -240,9 +290,16 @@ class WebSocketSource:
             connection.close(_BUSY, "another sender is connected")
             return
         try:
-            decoder = _Decoder(self._rate)
+            decoder = _Decoder(self._rate, self._channels)
             for message in connection:
-                if not inbox.put(_read_mute(message) if isinstance(message, str) else decoder.decode(message)):
+                try:
+                    piece = read_change(message) if isinstance(message, str) else decoder.decode(message)
+                except UserError as error:
+                    if not isinstance(message, str):
+                        raise
+                    connection.send(json.dumps({"error": str(error)}))
+                    continue
+                if not inbox.put(piece):
                     return
             inbox.put(decoder.decode(b"", is_last=True))
         except UserError as error:
@@ -251,40 +308,57 @@ class WebSocketSource:
             self._sender.release()
 
 
-def _read_mute(text: str) -> bool:
-    """Return the value of the message {"muted": true} or {"muted": false}."""
+def read_change(text: str) -> Change:
+    """Parse {"muted": true}, {"state": "listen"}, {"clear": true} or a cue such as {"cue": "nod", "time": 1.2}.
+
+    Raises:
+        UserError: the text has another form, or there is no such cue.
+    """
     try:
-        message = json.loads(text)
-    except (ValueError, RecursionError):
+        message = parse_json(text)
+    except ValueError:
         message = None
-    if not (isinstance(message, dict) and message.keys() == {"muted"} and isinstance(message["muted"], bool)):
-        raise UserError('send sound as binary messages, and of text {"muted": true} or {"muted": false} only')
-    return message["muted"]
+    if isinstance(message, dict) and "cue" in message:
+        cue = read_cue(text)
+        if cue.word is None:
+            return Change(cue=cue)
+    elif isinstance(message, dict) and len(message) == 1:
+        ((name, value),) = message.items()
+        if (name, value) in [("state", state) for state in STATES]:
+            return Change(state=value)
+        if (name == "muted" and isinstance(value, bool)) or (name == "clear" and value is True):
+            return Change(**message)
+    raise UserError(
+        'send sound as binary messages, and of text {"muted": true}, {"state": "listen"}, {"clear": true} or '
+        '{"cue": "nod"} only'
+    )
 
 
 class _Decoder:
-    """Conversion of the bytes of raw PCM or of a WAV to samples, mono, at a rate or by default at 16 kHz.
+    """Conversion of the bytes of raw PCM or of a WAV to samples, mono or (samples, 2), at a rate, by default 16 kHz.
 
     A WAV is known by its header, which says its rate, channels and type; part of a sample is kept for the next bytes.
     """
 
-    def __init__(self, rate: int | None) -> None:
+    def __init__(self, rate: int | None, channels: int = 1) -> None:
+        self._channels = channels
         self._stated, self._rest, self._left = rate, b"", sys.maxsize
         self._form: dict[str, Any] = {}  # of the sound, as soon as it is known
-        self._width, self._resampler = 2, None
+        self._width, self._resampler = 2 * channels, None
 
     def decode(self, data: bytes, *, is_last: bool = False) -> np.ndarray:
-        """Return the samples (samples,) float32 of further bytes.
+        """Return the samples float32 of further bytes.
 
         Raises:
             UserError: they are of another kind of file, or of a WAV with another rate than the one that is stated.
         """
         self._rest += data
         if not self._form and not self._begin(is_last):
-            return np.zeros(0, np.float32)
+            return np.zeros((0, *[2] * (self._channels == 2)), np.float32)
         whole = min(len(self._rest), self._left) // self._width * self._width
         sound, self._rest, self._left = self._rest[:whole], self._rest[whole:], self._left - whole
-        samples = soundfile.read(io.BytesIO(sound), dtype="float32", always_2d=True, **self._form)[0].mean(axis=1)
+        samples = soundfile.read(io.BytesIO(sound), dtype="float32", always_2d=True, **self._form)[0]
+        samples = samples.mean(axis=1) if self._channels == 1 else samples
         return samples if self._resampler is None else self._resampler.resample_chunk(samples, last=is_last)
 
     def _begin(self, is_last: bool) -> bool:
@@ -294,7 +368,7 @@ class _Decoder:
             return False
         if other := next((name for start, name in _OTHERS.items() if head.startswith(start)), None):
             raise UserError(f"what is sent is {other}; send WAV or raw PCM, or give the file to --source")
-        form = {"samplerate": self._stated or SAMPLE_RATE, "channels": 1, "subtype": "PCM_16"}
+        form = {"samplerate": self._stated or SAMPLE_RATE, "channels": self._channels, "subtype": "PCM_16"}
         if head.startswith(b"RIFF") and head[8:12] == b"WAVE":
             start = 12
             while head[start : start + 4] != b"data" and start < len(head):
@@ -310,11 +384,13 @@ class _Decoder:
                 soundfile.read(io.BytesIO(bytes(self._width)), format="RAW", **form)
             except (soundfile.SoundFileError, ValueError, TypeError) as error:
                 raise UserError(f"what is sent is a WAV that cannot be read ({reason(error)}); send 16 bits") from error
+            if self._channels == 2 != file.channels:
+                raise UserError(f"the WAV has {file.channels} channels; send 2, the agent and the other")
             if self._stated not in (None, file.samplerate):
                 raise UserError(f"the WAV has {file.samplerate} samples a second, not {self._stated}; leave out --rate")
             self._rest, self._left = head[start + 8 :], size if 0 < size < _UNKNOWN_SIZE else sys.maxsize
             if file.samplerate != (self._stated or SAMPLE_RATE):
-                self._resampler = soxr.ResampleStream(file.samplerate, SAMPLE_RATE, 1, dtype="float32")
+                self._resampler = soxr.ResampleStream(file.samplerate, SAMPLE_RATE, self._channels, dtype="float32")
         self._form = form | {"format": "RAW", "endian": "LITTLE"}
         return True
 
@@ -379,13 +455,14 @@ class MicrophoneSource:
             raise UserError(f"no microphone can be used ({shown(str(error))}); connect one, or use stdin") from error
 
 
-def open_source(text: str, rate: int | None = None, is_fast: bool = False) -> Source:
+def open_source(text: str, rate: int | None = None, is_fast: bool = False, channels: int = 1) -> Source:
     """Return a source, whose sound begins when it is asked for.
 
     Args:
         text: path of a file with sound, "stdin", "microphone" or ws://HOST:PORT.
         rate: samples per second of "stdin", "microphone" or the WebSocket; by default that of the microphone, or 16000.
         is_fast: whether a file is taken as fast as it is computed.
+        channels: 2 for the agent and the person who is spoken with, of stdin and the WebSocket.
 
     Raises:
         UserError: the source is not known, cannot be used or does not take these options, or its library is missing.
@@ -397,12 +474,14 @@ def open_source(text: str, rate: int | None = None, is_fast: bool = False) -> So
         raise UserError(f"--fast is for files; {shown(text)} is heard as it comes")
     if not is_arriving and rate is not None:
         raise UserError("--rate is for stdin, the microphone and WebSockets; a file states its own rate")
+    if channels == 2 and (text == "microphone" or not is_arriving):
+        raise UserError("--channels 2 is for stdin and WebSockets, whose sender knows who speaks")
     if text == "stdin":
-        return PipeSource(rate)
+        return PipeSource(rate, channels=channels)
     if text == "microphone":
         return MicrophoneSource(rate)
     if text.startswith("ws://"):
-        return WebSocketSource(read_address(text), rate)
+        return WebSocketSource(read_address(text), rate, channels)
     if is_arriving:
         raise UserError(f"no source {shown(text)}; expected a file, stdin, microphone or ws://HOST:PORT")
     return FileSource(pathlib.Path(text), is_fast)

@@ -30,8 +30,9 @@ class FakeStream:
         self.skeleton, self.look_ahead, self.hop = skeleton, look_ahead, hop
         self.latency = (look_ahead + hop) / FPS
         self.heard = self.frames = 0
+        self.state = "auto"
 
-    def feed(self, samples):
+    def feed(self, samples, other=None):
         assert samples.dtype == np.float32
         self.heard += len(samples)
         return self._until(self.heard * FPS // 16000 - self.look_ahead)

@@ -1,6 +1,7 @@
 """Sound has the times at which it is heard; pauses become silence, and nothing waits without bound."""
 
 import io
+import json
 import subprocess
 import sys
 import threading
@@ -16,8 +17,9 @@ from websockets.sync.client import connect
 from ha2g_jax.apps.live import sources
 from ha2g_jax.apps.live.clock import Clock, StopFlag, Timeline
 from ha2g_jax.apps.live.network import read_address
-from ha2g_jax.apps.live.sources import FileSource, Resampler, open_source
+from ha2g_jax.apps.live.sources import Change, FileSource, Resampler, open_source
 from ha2g_jax.errors import UserError
+from ha2g_jax.motion.cues import Cue
 
 
 def tone(rate, seconds=1.0):
@@ -124,7 +126,7 @@ def test_where_nothing_is_sent_silence_is_heard_and_the_clock_goes_on(clock):
     source.put(tone(16000, 0.5))
     chunks = take(source, clock, 1.0)
     assert chunks[0].heard == 100
-    assert not joined(chunks[1:]).any()
+    assert joined(chunks[:5]).any() and not joined(chunks[5:]).any()
     ends = [chunk.heard + len(chunk.samples) / 16000 for chunk in chunks]
     np.testing.assert_allclose([chunk.heard for chunk in chunks[1:]], ends[:-1])
     assert ends[-1] - 0.03 <= clock.now() <= ends[-1] + 0.03
@@ -145,10 +147,13 @@ def test_sound_that_is_sent_ahead_is_heard_in_its_order(clock):
     source = sources.Inbox(16000)
     for _ in range(3):
         source.put(tone(16000, 0.5))
-    assert [chunk.heard for chunk in take(source, clock, 1.5)] == [100, 100.5, 101]
+    chunks = take(source, clock, 1.5)
+    np.testing.assert_allclose([chunk.heard for chunk in chunks], 100 + 0.1 * np.arange(15))
+    assert 101.35 <= clock.now() <= 101.4  # and not before its time
 
 
-def test_a_sender_waits_while_the_queue_is_full():
+def test_a_sender_waits_while_too_much_sound_waits(monkeypatch):
+    monkeypatch.setattr(sources, "_AHEAD_SECONDS", 0.1)
     source = sources.Inbox(16000)
     count = 0
 
@@ -163,7 +168,7 @@ def test_a_sender_waits_while_the_queue_is_full():
     assert thread.is_alive()
     source.close()
     thread.join()
-    assert count == sources._QUEUE
+    assert count == 160
 
 
 class Device:
@@ -243,23 +248,73 @@ def test_a_websocket_takes_binary_messages_of_one_sender(listening):
     np.testing.assert_allclose(sound[:16000], tone(16000), atol=1e-4)
 
 
-@pytest.mark.parametrize("text", ["text", "[]", '{"muted": 1}', '{"muted": true, "energy": 2}', "[" * 100_000])
-def test_a_websocket_refuses_other_text(listening, text):
-    with connect_when_ready(listening[0]) as sender, pytest.raises(ConnectionClosed, match="binary"):
-        sender.send(text)
-        sender.recv(timeout=5)
+TEXTS = [
+    *("text", "[]", "{}", '{"muted": 1}', '{"muted": true, "energy": 2}', "[" * 100_000, '{"state": "sleep"}'),
+    *(
+        '{"state": []}',
+        '{"clear": false}',
+        '{"clear": 1}',
+        '{"cue": 3}',
+        '{"cue": "dance"}',
+        '{"cue": "clip:/etc/passwd"}',
+    ),
+    *('{"cue": "nod", "word": "yes"}', '{"cue": "nod", "time": -1}', '{"cue": "nod", "time": NaN}'),
+]
 
 
-def test_a_sender_rests_the_arms_from_a_moment_on(listening):
+def test_a_websocket_answers_other_text_and_listens_on(listening):
+    scrambled = np.random.default_rng(0).integers(32, 127, (200, 40), np.uint8)
+    with connect_when_ready(listening[0]) as sender:
+        for text in TEXTS + [bytes(row).decode() for row in scrambled]:
+            sender.send(text)
+            answer = json.loads(sender.recv(timeout=5))
+            assert answer.keys() == {"error"} and "\n" not in answer["error"]
+        sender.send(pcm(tone(1600)))
+        wait_for(lambda: any(chunk.samples.any() for chunk in listening[1]))
+
+
+def test_a_sender_changes_the_stream_from_a_moment_on(listening):
     address, chunks = listening
+    texts = '{"muted":true}', '{"state": "listen"}', '{"cue": "count:3", "time": 9}', '{"muted": false}'
     with connect_when_ready(address) as sender:
-        for message in (pcm(tone(1600)), '{"muted":true}', pcm(tone(1600)), '{"muted": false}'):
-            sender.send(message)
-    deadline = time.monotonic() + 10
-    while not any(chunk.muted is False for chunk in chunks) and time.monotonic() < deadline:
+        for text in texts:
+            sender.send(pcm(tone(1600, 0.5)))
+            sender.send(text)
+    wait_for(lambda: sum(chunk.change is not None for chunk in chunks) == 4)
+    told = [chunk.change for chunk in chunks if chunk.change is not None or chunk.samples.any()]
+    assert told == [
+        *(None, Change(muted=True), None, Change(state="listen")),
+        *(None, Change(cue=Cue("count:3", 9)), None, Change(muted=False)),
+    ]
+
+
+@pytest.mark.parametrize("rate", [16000, 24000])
+def test_a_clear_drops_the_sound_that_waits(clock, rate):
+    source, chunks = sources.Inbox(rate, 2), []
+    source.put(np.stack([tone(rate), -tone(rate)], axis=-1))
+    for chunk in source.chunks(clock, StopFlag()):
+        chunks.append(chunk)
+        if len(chunks) == 3:
+            source.put(Change(muted=True))
+            source.put(Change(clear=True))
+        if clock.now() > 101:
+            break
+    changes = [index for index, chunk in enumerate(chunks) if chunk.change is not None]
+    assert [chunks[index].change for index in changes] == [Change(muted=True), Change(clear=True)]
+    before, after = chunks[: changes[-1]], chunks[changes[-1] :]
+    assert joined(before).any() and not joined(after).any()
+    assert clock.now() - 0.05 < 100 + len(joined(chunks)) / 16000 < clock.now() + 0.05
+    for chunk in before:
+        if chunk.other is not None:
+            np.testing.assert_allclose(chunk.other, -chunk.samples, atol=1e-6)
+
+
+def wait_for(condition):
+    """Wait until a condition holds, at most ten seconds."""
+    end = time.monotonic() + 10
+    while not condition():
+        assert time.monotonic() < end
         time.sleep(0.01)
-    told = [chunk for chunk in chunks if chunk.muted is not None or chunk.samples.any()]
-    assert [chunk.muted for chunk in told] == [None, True, None, False]
 
 
 def connect_when_ready(address):
@@ -289,6 +344,7 @@ def test_a_timeline_knows_when_a_sample_is_heard_across_a_pause_and_forgets():
         ("http://127.0.0.1:80", {}, "no source http"),
         ("stdin", {"rate": 12}, "the rate is 12"),
         ("stdin", {"is_fast": True}, "--fast is for files"),
+        ("microphone", {"channels": 2}, "--channels 2 is for stdin"),
     ],
 )
 def test_a_source_that_cannot_be_used_is_said_in_one_line(text, options, message):
