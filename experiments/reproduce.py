@@ -47,6 +47,7 @@ from ha2g_jax.config import presets
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.charts import markdown
 from ha2g_jax.evaluation.corpus_statistics import joint_rows, summarise
+from ha2g_jax.files.reading import shown
 from ha2g_jax.files.writing import whole_file
 
 CORPUS_TABLES = ("table5", "table10")
@@ -70,6 +71,8 @@ def main(argv: Sequence[str] | None = None, perform: Perform = perform_in_proces
         if arguments.resume:
             keep = keep or _HERE / f"{request.table}-runs" / request.size
             out = out or _HERE.parent / "docs" / "results" / f"{request.table}-{request.size}.md"
+            if not (keep.exists() or request.has_training):
+                raise UserError(f"no runs are kept in {shown(keep)}; leave out --no-train to train them")
             if keep.exists():
                 shutil.copytree(keep, request.workdir, dirs_exist_ok=True)
         out = out or request.workdir / f"{request.data}-{request.size}" / f"{request.table}.md"

@@ -70,6 +70,8 @@ def build(loaded: LoadedModel, *, weights: str = "float32", license: str = "") -
     if not isinstance(generator.audio, AudioEncoder):
         kind = loaded.config.model.audio.kind
         raise UserError(f"the audio encoder of the model is {kind}; only resnet_se can be exported to ONNX")
+    if generator.reads_words or not generator.has_coordinator:
+        raise UserError("the model is a control of HA2G (oracle, no coordinator), which cannot be exported to ONNX")
     graph = Graph(weights)
     params, stats = loaded.variables["params"], loaded.variables["batch_stats"]
     features = add_encoder(graph, generator.audio, params["audio"], stats["audio"], "mel")

@@ -170,6 +170,8 @@ def test_the_forms_of_weights_have_the_sizes_they_should(debug):
 def test_other_models_are_refused_by_name():
     with pytest.raises(UserError, match="the model is of seq2seq; only HA2G"):
         build(draw(presets.parse("talk:debug", "seq2seq")))
+    with pytest.raises(UserError, match="the model is a control of HA2G"):
+        build(draw(presets.make("talk", "debug", changes=presets.CONTROLS[presets.NO_COORDINATOR])))
 
 
 def test_what_could_not_be_read_is_not_written(debug_folder, tmp_path, monkeypatch):

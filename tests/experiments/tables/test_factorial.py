@@ -117,6 +117,8 @@ def test_a_failed_gate_leaves_the_claims_undecided(study):
     assert not gate(found, "small")[1] and gate(found, "debug")[1]
     page = factorial.as_markdown("small", {presets.FULL: {}}, found, {}, "")
     assert "**not passed**" in page and page.count("**undecided**") == 3
+    del found[presets.ORACLE]
+    assert "**open**" in factorial.as_markdown("small", {presets.FULL: {}}, found, {}, "")
 
 
 def test_the_distance_of_hands_sees_fingers_alone():
@@ -163,7 +165,12 @@ def test_a_study_that_is_killed_twice_goes_on_to_the_same_report(talk, tmp_path)
         assert process.wait() == {signal.SIGTERM: 128 + signal.SIGTERM, signal.SIGKILL: -signal.SIGKILL}[number]
         shutil.rmtree(killed / "runs")  # it goes on elsewhere, from what is kept
     trained = []
-    assert reproduce.main(_arguments(talk, killed), lambda *task: (trained.append(task[1].name), perform(*task))) == 0
+
+    def perform_and_note(request, run, worker, stop):
+        trained.append(run.name)
+        perform(request, run, worker, stop)
+
+    assert reproduce.main(_arguments(talk, killed), perform_and_note) == 0
     assert 0 < len(trained) <= 1 + 25 - 14 and not any("autoencoder" in name for name in trained)
     shutil.copytree(killed / "kept", clone / "kept")
     assert reproduce.main([*_arguments(tmp_path / "nowhere", clone), "--no-train"], perform) == 0
