@@ -22,6 +22,7 @@ from ha2g_jax.files.writing import whole_file
 from ha2g_jax.limits import MAX_MOTION_FRAMES
 from ha2g_jax.motion.armature import export_axes
 from ha2g_jax.motion.control.parts import rest_pose
+from ha2g_jax.motion.cues.catalogue import GESTURES
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.windows import DEFAULT_HOP, DEFAULT_LOOK_AHEAD
 from ha2g_jax.skeleton import Skeleton
@@ -39,7 +40,8 @@ from ha2g_jax.viewer.packing import (
 MAX_MOTIONS = 12
 _FIGURE = ("motion.js", "body.js", "stage.js")
 _SCRIPTS = (*_FIGURE, "timeline.js", "player.js")
-_LIVE_SCRIPTS = (*_FIGURE, "arriving.js", "capture.js", "conversation.js", "live.js", "speaking.js", "watching.js")
+_PARTS = ("arriving", "acting", "capture", "conversation", "live", "speaking", "watching")
+_LIVE_SCRIPTS = (*_FIGURE, *(f"{name}.js" for name in _PARTS))
 _DECIMALS = 4  # of directions
 _MAX_SPEAKERS = 200
 
@@ -203,6 +205,7 @@ def live_page(
         "source": source,
         "figure": None if skeleton is None else _figure(skeleton, fps),
         "speakers": list(speakers[:_MAX_SPEAKERS]),
+        "cues": list(GESTURES),
         "needsToken": needs_token,
         "lookAhead": DEFAULT_LOOK_AHEAD,
         "hop": DEFAULT_HOP,

@@ -15,7 +15,10 @@ async function open(browser, address, seen, options = {}) {
   const page = await context.newPage();
   page.setDefaultTimeout(PATIENCE);
   page.on("request", (request) => seen.requests.push(request.url()));
-  page.on("websocket", (socket) => seen.requests.push(socket.url()));
+  page.on("websocket", (socket) => {
+    seen.requests.push(socket.url());
+    socket.on("framesent", ({ payload }) => { if (typeof payload === "string") seen.texts.push(payload); });
+  });
   page.on("pageerror", (error) => seen.errors.push(String(error)));
   page.on("console", (message) => { if (/Content.Security/i.test(message.text())) seen.errors.push(message.text()); });
   await page.goto(address);
@@ -72,8 +75,8 @@ async function refusals(browser, seen) {
   await denied.fill("#token", at.secret);
   await denied.setInputFiles("#picker", { name: WICKED, mimeType: "audio/wav", buffer: fs.readFileSync(speech) });
   await denied.waitForFunction(running);
-  seen.named = await denied.textContent("#status");
   seen.pictures = await denied.evaluate(() => document.querySelectorAll("img").length);
+  await act(denied, seen);
   await denied.keyboard.press("Escape");
   seen.stopped = await says(denied, "Stopped");
   await denied.setInputFiles("#picker", { name: "a.txt", mimeType: "text/plain", buffer: Buffer.from("no sound") });
@@ -86,6 +89,20 @@ async function refusals(browser, seen) {
   seen.ended = await says(short, "has ended");
   seen.buttons = await short.isVisible("#file") && !(await short.isVisible("#stop"));
   await short.context().close();
+}
+
+// States, whose voice it is, cues and an interruption, with keys alone; frames go on to come.
+async function act(page, seen) {
+  await page.focus("#energy");
+  for (const name of ["Think", "Wave"]) {
+    for (let i = 0; i < 40 && (await page.evaluate(() => document.activeElement.textContent)) !== name; i++) await page.keyboard.press("Tab");
+    await page.keyboard.press("Enter");
+  }
+  for (const key of "li") await page.keyboard.press(key);
+  const last = await page.evaluate(() => live.motion.last);
+  await page.waitForFunction((last) => live.motion.last > last + 10, last);
+  seen.pressed = await page.evaluate(() => [...document.querySelectorAll("#acting [aria-pressed=true]")].map((button) => button.textContent));
+  seen.named = await page.textContent("#status");
 }
 
 async function watch(browser, seen) {
@@ -107,7 +124,7 @@ async function watch(browser, seen) {
 }
 
 async function main() {
-  const seen = { requests: [], errors: [] };
+  const seen = { requests: [], errors: [], texts: [] };
   const browser = await chromium.launch({
     executablePath,
     args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--use-fake-device-for-media-stream",

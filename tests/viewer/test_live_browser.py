@@ -137,6 +137,14 @@ def test_refusals_and_ends_are_told(seen):
     assert seen["listening"] == "Listening: the figure follows what you say."
 
 
+def test_states_cues_and_an_interruption_are_sent_and_the_stream_goes_on(seen):
+    messages = [json.loads(text) for text in seen["texts"]]
+    assert {it["channels"] for it in messages if "rate" in it} == {2}
+    asked = [it for it in messages if it.keys() & {"state", "cue", "clear"}]
+    assert asked == [{"state": "think"}, {"cue": "wave"}, {"clear": True}]
+    assert seen["pressed"] == ["Think", "Other's voice"]
+
+
 def test_names_are_shown_as_text(seen):
     assert seen["named"] == "<img src=x onerror=alert(1)>.wav" and seen["pictures"] == 0
 

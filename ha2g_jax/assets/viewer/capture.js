@@ -107,6 +107,13 @@ class Sound {
     this.fade.gain.setValueAtTime(0, now).linearRampToValueAtTime(1, now + 0.05);
   }
 
+  // End the sound of a file; what is still to be played of it is not heard.
+  cut() {
+    if (!this.source.start) return;
+    this.source.stop();
+    this.volume.disconnect();
+  }
+
   mute(isMuted) {
     this.isMuted = isMuted;
     if (this.volume) this.volume.gain.value = isMuted ? 0 : 1;

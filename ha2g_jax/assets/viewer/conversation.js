@@ -51,7 +51,7 @@ class Conversation {
         const message = JSON.parse(data);
         if (message.error) this.error = message.error;
         else if (message.frames) this.onframes(message.first, message.frames);
-        else if (!message.end) resolve(this.facts = message);
+        else if (message.fps) resolve(this.facts = message);
       };
       socket.onclose = ({ code }) => {
         this.isClosed = true;

@@ -29,7 +29,8 @@ class LivePage {
     return {
       a: () => this.stage?.rotate(-0.15, 0), d: () => this.stage?.rotate(0.15, 0),
       w: () => this.stage?.rotate(0, 0.1), s: () => this.stage?.rotate(0, -0.1),
-      r: "#home", t: "#theme", b: "#bones", m: "#mute", x: "#rest", o: "#file", k: "#microphone", Escape: "#stop",
+      r: "#home", t: "#theme", b: "#bones", m: "#mute", x: "#rest", i: "#interrupt", l: "#other",
+      o: "#file", k: "#microphone", Escape: "#stop",
     };
   }
 
@@ -39,7 +40,7 @@ class LivePage {
     if (!action) return;
     event.preventDefault();
     if (typeof action === "function") action();
-    else if (!find(action).hidden) find(action).click();
+    else if (find(action)?.offsetParent) find(action).click();
   }
 
   say(text, isTrouble = false) {

@@ -12,6 +12,7 @@ class SpeakingPage extends LivePage {
     find("#tokens").hidden = !content.needsToken;
     find("#style").append(...content.speakers.map((name) => new Option(name)));
     this.isMuted = this.isResting = false;
+    this.acting = new Acting(find("#acting"), content.cues, (asked) => this.act(asked));
     this.bind();
     this.stop("Choose a sound file, or drop one here, or speak into the microphone.");
   }
@@ -68,6 +69,7 @@ class SpeakingPage extends LivePage {
   async start(file) {
     this.stop(file ? `Reading ${file.name} ...` : "Waiting for the microphone ...");
     const run = this.run = { file, late: 0, worst: 0 };
+    this.acting.showState("auto");
     this.showState();
     try {
       const sound = await Sound.open(file);
@@ -77,7 +79,7 @@ class SpeakingPage extends LivePage {
       this.say("Connecting ...");
       const asked = {
         rate: sound.rate, look_ahead: Number(find("#ahead").value), style: this.style, controls: this.controls,
-        muted: this.isResting,
+        muted: this.isResting, channels: 2,
       };
       const conversation = await Conversation.open(find("#token").value, asked);
       if (this.run !== run) return conversation.close();
@@ -93,11 +95,22 @@ class SpeakingPage extends LivePage {
     }
   }
 
+  // What a button asks for; an interruption also ends the sound of a file, where it is that of the figure.
+  act(asked) {
+    if (!this.run?.conversation) return;
+    this.change(asked);
+    if (asked.state) this.acting.showState(asked.state);
+    if (asked.clear && !this.acting.isOther) this.run.sound.cut();
+  }
+
+  // The figure's sound is the left channel, that of the person whom it listens to the right one.
   give(pcm) {
     const { conversation, sound } = this.run;
-    conversation.send(pcm || { end: true });
-    if (!pcm) return;
-    if (conversation.waiting > 2 * sound.rate * LONGEST_DELAY) return this.stop(TOO_SLOW, true);
+    if (!pcm) return conversation.send({ end: true });
+    const mono = new Int16Array(pcm), both = new Int16Array(2 * mono.length);
+    mono.forEach((sample, i) => { both[2 * i + Number(this.acting.isOther)] = sample; });
+    conversation.send(both.buffer);
+    if (conversation.waiting > 4 * sound.rate * LONGEST_DELAY) return this.stop(TOO_SLOW, true);
     const loudest = new Int16Array(pcm).reduce((most, sample) => Math.max(most, Math.abs(sample)), 0) / 32768;
     find("#level").value = Math.max(Math.sqrt(loudest), 0.8 * find("#level").value);
   }
@@ -137,7 +150,7 @@ class SpeakingPage extends LivePage {
   showState() {
     const isRunning = Boolean(this.run), wasFocused = document.activeElement?.matches(".main");
     for (const name of ["#file", "#microphone"]) find(name).hidden = isRunning;
-    for (const name of ["#stop", "#level", "#time"]) find(name).hidden = !isRunning;
+    for (const name of ["#stop", "#level", "#time", "#acting"]) find(name).hidden = !isRunning;
     find("#mute").hidden = isRunning && !this.run.file;
     find("#ahead").disabled = find("#token").disabled = isRunning;
     find("#level").value = 0;

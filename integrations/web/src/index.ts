@@ -1,4 +1,4 @@
-export type { AudioDescription, Description, Skeleton, Take } from "./description.js";
+export type { AudioDescription, Description, Keyframes, Skeleton, Take } from "./description.js";
 export { poseTalkingHead, talkingHeadBones } from "./adapters/talkinghead.js";
 export type { Quaternion, TalkingHeadLike } from "./adapters/talkinghead.js";
 export { writeBvh } from "./formats/bvh.js";
@@ -10,6 +10,7 @@ export { LivePoses, localRotations, Poses, retarget } from "./motion/poses.js";
 export type { RigName } from "./motion/poses.js";
 export { applyEnergy } from "./motion/energy.js";
 export { Motion } from "./motion/motion.js";
+export type { State } from "./motion/states.js";
 export { resample } from "./sound/resample.js";
 export { readSound } from "./sound/wav.js";
 export { Gesturer } from "./synthesis/gesturer.js";

@@ -244,6 +244,8 @@ async function live(browser) {
   seen.listening = await status(page);
   await faultsOf(page, "live");
   await page.click("#record");
+  for (const name of ["Other's voice", "Interrupt", "Count 3", "Think"]) await page.click(`#acting >> text="${name}"`);
+  seen.state = await page.evaluate(() => site.run.stream.state);
   await wait(3);
   await picture(page, "live-phone", PHONE);
   seen.facts = await page.textContent("#facts");

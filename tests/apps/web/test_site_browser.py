@@ -148,6 +148,7 @@ def test_an_avatar_moves_and_its_texts_are_texts(seen):
 
 def test_the_microphone_is_followed_and_recorded(seen):
     assert seen["listening"].startswith("Listening")
+    assert seen["state"] == "think"
     assert "latency 667 +" in seen["facts"]  # 8 + 2 frames
     frames, seconds = seen["recorded"]
     assert frames == pytest.approx(15 * seconds, abs=1)
