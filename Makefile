@@ -44,7 +44,7 @@ test-blender: $(VENV)/test $(VENV)-blender/bpy
 
 test-web: $(VENV)/test $(VENV)-web/node_modules integrations/web/node_modules
 	npm test --silent --prefix integrations/web
-	NODE_PATH=$(abspath $(VENV))-web/node_modules $(VENV)/bin/python -m pytest tests/viewer tests/motion/formats tests/apps/web tests/apps/user_study
+	NODE_PATH=$(abspath $(VENV))-web/node_modules:$(abspath integrations/web)/node_modules $(VENV)/bin/python -m pytest tests/viewer tests/motion/formats tests/apps/live tests/apps/web tests/apps/user_study
 
 web: $(VENV)/onnx
 	$(VENV)/bin/ha2g web demo --out out/site
@@ -117,7 +117,7 @@ integrations/web/node_modules: integrations/web/package-lock.json
 	touch $@
 
 $(VENV)-web/node_modules:
-	npm install --silent --no-audit --no-fund --prefix $(VENV)-web gltf-validator playwright-core axe-core
+	npm install --silent --no-audit --no-fund --prefix $(VENV)-web gltf-validator playwright-core axe-core @met4citizen/talkinghead
 
 clean:
 	rm -rf $(VENV) $(VENV)-torch $(VENV)-blender $(VENV)-web integrations/web/node_modules integrations/web/build integrations/web/dist out .cache build dist

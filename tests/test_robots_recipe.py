@@ -1,11 +1,20 @@
-"""The recipe of docs/robots.md: Pepper's arms, posed by its angles, point where the motion's do."""
+"""The recipe of docs/robots.md: Pepper's arms point where those of a motion do, and follow a conversation."""
 
+import concurrent.futures
+import contextlib
+import json
 import pathlib
+import socket
+import time
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from ha2g_jax.apps.live.clock import StopFlag
+from ha2g_jax.apps.live.run import run
+from ha2g_jax.apps.live.sinks import open_sinks
+from ha2g_jax.apps.live.sources import open_source
 from ha2g_jax.motion import rotations, solver
 from ha2g_jax.motion.armature import world
 from ha2g_jax.motion.formats import export
@@ -46,8 +55,8 @@ def test_arms_point_where_the_motions_do(recipe, tmp_path):
         directions[:, SKELETON.bone(f"{side}_elbow")], directions[:, SKELETON.bone(f"{side}_wrist")] = upper, fore
     motion = Motion.from_directions(SKELETON, directions, 15)
     export(motion, tmp_path / "m.json")
-    angles, fps = recipe["pepper_angles"](tmp_path / "m.json")
-    assert fps == 15
+    file = json.loads((tmp_path / "m.json").read_text())
+    angles = recipe["pepper_angles"](file["joints"], file["frames"])
     animation = solver.animate(motion)
     chest = rotations.conjugate(animation.rotations[:, 0])
     head = world(animation)[0][:, animation.armature.joint("head")]
@@ -69,3 +78,58 @@ def test_a_motion_that_is_too_fast_is_played_slower(recipe):
     assert recipe["slower"](angles, 15) == 1
     angles["LShoulderPitch"] = np.array([0, 1, 0])
     assert recipe["slower"](angles, 15) == pytest.approx(15 / 7.33998)
+
+
+def test_a_robot_follows_a_conversation(recipe, debug_model):
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        source = f"ws://127.0.0.1:{free.getsockname()[1]}"
+    stop = StopFlag()
+
+    def events():
+        time.sleep(0.5)
+        yield {"state": "think"}
+        yield {"cue": "nod"}
+        time.sleep(1.2)
+        yield (8000 * np.sin(np.arange(32000) / 9)).astype("<i2").tobytes()
+        time.sleep(0.9)
+        yield "interrupted"
+        yield {"state": "listen"}
+        time.sleep(1.6)
+
+    def talk():
+        try:
+            while not stop.is_asked():
+                with contextlib.suppress(ConnectionRefusedError):  # until it listens
+                    recipe["converse"](events(), source)
+                    return
+                time.sleep(0.05)
+        finally:
+            stop.ask()
+
+    def datagrams():
+        while not stop.is_asked():
+            with contextlib.suppress(TimeoutError):
+                yield robot.recv(65536)
+
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as robot,
+        contextlib.ExitStack() as stack,
+        concurrent.futures.ThreadPoolExecutor(2) as threads,
+    ):
+        robot.bind(("127.0.0.1", 0))
+        robot.settimeout(0.5)
+        sinks = open_sinks([f"udp://127.0.0.1:{robot.getsockname()[1]}"], stack)
+        moved: list[dict[str, float]] = []
+        following = threads.submit(recipe["follow"], datagrams(), moved.append)
+        talking = threads.submit(talk)
+        run(debug_model, open_source(source), sinks, stop=stop)
+        talking.result()
+        following.result()
+    limits = recipe["LIMITS"]
+    angles = np.array([[pose[name] for name in limits] for pose in moved])
+    low, high, fastest = np.array(list(limits.values())).T
+    assert (angles >= low).all() and (angles <= high).all()
+    steps = np.abs(np.diff(angles, axis=0)) * debug_model.spec.fps
+    assert (steps <= fastest + 1e-6).all()
+    assert np.ptp(angles, axis=0).max() > 0.5  # a hand is raised to think
+    assert steps[-5:].max() < 0.3 < steps.max()  # still after the interruption

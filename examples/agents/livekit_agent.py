@@ -27,7 +27,7 @@ from ha2g_jax.motion.motion import Motion
 from ha2g_jax.synthesis import Stream
 
 RATE, SIZE = 24000, 384  # of the agent's sound, and pixels of the video
-VIEW = View(-0.7, -0.7, 0.7, 0.7)  # metres about the spine
+VIEW = View(-0.85, -0.8, 0.85, 0.7)  # metres about the spine
 
 
 class Avatar(VideoGenerator):
