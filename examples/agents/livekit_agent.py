@@ -60,6 +60,7 @@ class Avatar(VideoGenerator):
     def clear_buffer(self) -> None:
         self._held.clear()
         self._pieces.clear()
+        self._begun = -1.0
         self.body.clear()
 
     async def _show(self, number: int, directions: np.ndarray) -> None:

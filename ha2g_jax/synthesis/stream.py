@@ -33,7 +33,7 @@ from ha2g_jax.features.spectrum import (
 from ha2g_jax.methods.method import Spec, Variables
 from ha2g_jax.motion.control.controls import NEUTRAL, Controls
 from ha2g_jax.motion.control.effects import EASE, Ramp, RunningControls, check_running
-from ha2g_jax.motion.cues import Cue, RunningCues, check_cue, keyframes_of
+from ha2g_jax.motion.cues import MOST, Cue, RunningCues, check_cue, keyframes_of
 from ha2g_jax.motion.idle import idle
 from ha2g_jax.motion.resample import num_frames, slerp
 from ha2g_jax.motion.rotations import unit
@@ -240,13 +240,15 @@ class Stream:
                 or too near, is as soon as possible: about half a second from the next frame on.
 
         Raises:
-            UserError: there is no such gesture, the time is not a number of seconds, the cue is on a word, or a file
-                of motion cannot be read.
+            UserError: there is no such gesture, the time is not a number of seconds, the cue is on a word, a file of
+                motion cannot be read, or 64 cues wait already.
         """
         asked = cue if isinstance(cue, Cue) else Cue(cue)
         asked = check_cue(asked if at is None else asked._replace(time=at))
         if asked.word is not None:
             raise UserError(f"the cue {asked.name} is on a word, and a stream has none; give a time, or leave both out")
+        if self._layers[2].num_waiting >= MOST:
+            raise UserError(f"{MOST} cues wait to be made; give {asked.name} when one of them has begun, or clear them")
         self._layers[2].add(keyframes_of(asked.name, self.skeleton, self.fps), asked.time)
 
     def skip(self, seconds: float) -> np.ndarray:

@@ -6,7 +6,7 @@ import pytest
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Word
 from ha2g_jax.motion.control import Controls, Span
-from ha2g_jax.motion.cues import Cue, keyframes
+from ha2g_jax.motion.cues import MAX_SPEED, MOST, Cue, keyframes
 from ha2g_jax.motion.cues.catalogue import limbs
 
 SPEECH = np.random.default_rng(0).normal(0, 0.1, 64000).astype(np.float32)  # 4 s
@@ -79,3 +79,19 @@ def test_a_stream_makes_a_cue_now(debug_model):
     assert 6 <= way.argmin() <= 12 and way.min() < 1e-4 and first > 40
     with pytest.raises(UserError, match="a stream has none"):
         debug_model.stream().cue(Cue("nod", word="three"))
+
+
+def test_a_limited_number_of_cues_waits_until_they_begin_or_are_cleared(debug_model):
+    stream, silence = debug_model.stream(), np.zeros(16000, np.float32)
+    for _ in range(2):
+        for _ in range(MOST):
+            stream.cue("nod", 60.0)
+        with pytest.raises(UserError, match="64 cues wait to be made; give shrug when one of them has begun, or clear"):
+            stream.cue("shrug")
+        stream.clear()
+    for _ in range(3):  # those that are made at once begin, and make space for others
+        for _ in range(MOST):
+            stream.cue("nod")
+        frames = stream.feed(silence)
+    turns = np.linalg.norm(np.diff(frames, axis=0), axis=-1).max() * stream.fps
+    assert 0.5 < turns < MAX_SPEED

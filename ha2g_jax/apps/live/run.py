@@ -160,7 +160,10 @@ def _change(stream: Stream, change: Change) -> None:
     if change.clear:
         stream.clear()
     if change.cue is not None:
-        stream.cue(change.cue)
+        try:
+            stream.cue(change.cue)
+        except UserError as error:  # too many wait
+            tqdm.write(str(error), file=sys.stderr)
 
 
 def _timed(meter: Meter, clock: Clock, function: Any, *arguments: np.ndarray | None) -> np.ndarray:

@@ -125,13 +125,13 @@ class Session(NamedTuple):
                 stream.controls = asked.controls.controls()
             if asked.clear is not None:
                 first = stream.clear(None if asked.clear is True else asked.clear)
+            if cue is not None:  # after a clear none waits, and there is space for it
+                stream.cue(cue)
         except UserError:
             stream.style, stream.controls = before
             raise
         stream.muted = stream.muted if asked.muted is None else asked.muted
         stream.state = stream.state if asked.state is None else asked.state
-        if cue is not None:
-            stream.cue(cue)
         return first
 
 

@@ -2,10 +2,11 @@
 
 from ha2g_jax.motion.cues.catalogue import NAMES, describe_catalogue, keyframes
 from ha2g_jax.motion.cues.reading import Cue, check_cue, describe, keyframes_of, place, read_cue, read_cues
-from ha2g_jax.motion.cues.running import MAX_SPEED, RunningCues, apply
+from ha2g_jax.motion.cues.running import MAX_SPEED, MOST, RunningCues, apply
 
 __all__ = [
     "MAX_SPEED",
+    "MOST",
     "NAMES",
     "Cue",
     "RunningCues",

@@ -17,6 +17,9 @@ from ha2g_jax.skeleton import Skeleton
 MAX_SPEED = 9.0
 """Radians per second: the greatest angular speed of a bone that a cue moves."""
 
+MOST = 64
+"""Gestures of one motion that run at a time, and of a stream that wait."""
+
 _PEAK_SPEED = 1.875  # of a minimum-jerk movement, relative to its mean speed
 
 
@@ -88,6 +91,11 @@ class RunningCues:
         other._cues = [dataclasses.replace(cue, rotations=dict(cue.rotations)) for cue in self._cues]
         return other
 
+    @property
+    def num_waiting(self) -> int:
+        """Number of gestures that have not begun."""
+        return sum(cue.ramp is None for cue in self._cues)
+
     def drop_waiting(self) -> None:
         """Drop the gestures that have not begun."""
         self._cues = [cue for cue in self._cues if cue.ramp is not None]
@@ -127,6 +135,8 @@ class RunningCues:
         running = [cue for cue in self._cues if cue.ramp is not None]
         waiting = [cue for cue in self._cues if cue.ramp is None]
         for cue in waiting:
+            if len(running) == MOST:  # the others begin as soon as possible
+                break
             start, first = cue.keys.weight_times[:2].tolist()
             ramp = max(first - start, self._way(cue, present) * _PEAK_SPEED / MAX_SPEED)
             soonest = self.frame - 1 + math.ceil((ramp - first) * self._fps)
