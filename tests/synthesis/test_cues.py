@@ -89,6 +89,7 @@ def test_a_limited_number_of_cues_waits_until_they_begin_or_are_cleared(debug_mo
         with pytest.raises(UserError, match="64 cues wait to be made; give shrug when one of them has begun, or clear"):
             stream.cue("shrug")
         stream.clear()
+    frames = silence[:0]
     for _ in range(3):  # those that are made at once begin, and make space for others
         for _ in range(MOST):
             stream.cue("nod")

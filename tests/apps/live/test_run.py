@@ -67,10 +67,10 @@ def test_a_recording_ends_where_files_of_motion_do(live, speech, tmp_path, monke
 def test_falling_behind_drops_frames_that_are_recorded_all_the_same(live, speech, tmp_path, monkeypatch, capsys):
     feed = FakeStream.feed
 
-    def stall(stream, samples):
+    def stall(stream, samples, other):
         if not stream.heard:
             time.sleep(1.8)
-        return feed(stream, samples)
+        return feed(stream, samples, other)
 
     monkeypatch.setattr(FakeStream, "feed", stall)
     sinks = ("--sink", "udp://127.0.0.1:9", "--sink", tmp_path / "a.npz")
