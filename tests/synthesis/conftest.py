@@ -1,8 +1,11 @@
 """What tests of files and of streams share."""
 
+import collections
 import contextlib
+from typing import Any
 
 import jax
+import numpy as np
 import pytest
 
 
@@ -25,3 +28,23 @@ def compilations():
             jax.monitoring.unregister_event_duration_listener(note)
 
     return record
+
+
+@pytest.fixture
+def held_bytes():
+    """A function that returns the size of all arrays that a stream refers to, those of its model left out."""
+
+    def size(value: Any, seen: set[int]) -> int:
+        if id(value) in seen:
+            return 0
+        seen.add(id(value))
+        if isinstance(value, np.ndarray):
+            return value.nbytes
+        if isinstance(value, list | tuple | dict | collections.deque):
+            return sum(size(item, seen) for item in (value.values() if isinstance(value, dict) else value))
+        is_own = type(value).__module__.startswith(
+            ("ha2g_jax.synthesis.stream", "ha2g_jax.features", "ha2g_jax.motion")
+        )
+        return size(vars(value), seen) if is_own and hasattr(value, "__dict__") else 0
+
+    return lambda stream: size(stream, {id(stream._variables), id(stream._assets), id(stream.spec)})
