@@ -129,6 +129,11 @@ def from_euler(angles: np.ndarray, order: str = "ZXY") -> np.ndarray:
     return q.reshape(*angles.shape[:-1], 4)
 
 
+def prepare() -> None:
+    """Import what `fit`, `from_matrix` and Euler angles need, for a motion in which no frame may wait for it."""
+    _scipy_rotation()
+
+
 def _scipy_rotation() -> Any:
     from scipy.spatial.transform import Rotation  # its import takes half a second; a motion of the model needs none
 

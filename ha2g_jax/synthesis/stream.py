@@ -36,7 +36,7 @@ from ha2g_jax.motion.control.effects import EASE, Ramp, RunningControls, check_r
 from ha2g_jax.motion.cues import MOST, Cue, RunningCues, check_cue, keyframes_of
 from ha2g_jax.motion.idle import idle
 from ha2g_jax.motion.resample import num_frames, slerp
-from ha2g_jax.motion.rotations import unit
+from ha2g_jax.motion.rotations import prepare, unit
 from ha2g_jax.motion.smoothing import minimum_jerk
 from ha2g_jax.motion.states import ATTENTION, RunningStates, nod_depths
 from ha2g_jax.motion.windows import DEFAULT_HOP, DEFAULT_LOOK_AHEAD, RunningJoin
@@ -105,6 +105,7 @@ class Stream:
         has_hidden_ends: bool = False,
     ):
         _check(spec, look_ahead, hop, reference)
+        prepare()
         self.spec, self.look_ahead, self.hop, self.muted = spec, look_ahead, hop, False
         self._variables, self._assets, self._seed = variables, assets, seed
         self._start_pose = assets.seed_poses[np.random.default_rng(seed).integers(len(assets.seed_poses))]

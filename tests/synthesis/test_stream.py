@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import sys
 
 import jax
 import numpy as np
@@ -163,14 +164,19 @@ def test_frames_are_duration_times_fps_rounded(debug_model, seconds, options):
     np.testing.assert_allclose(np.linalg.norm(frames, axis=-1), 1, atol=1e-5)
 
 
-def test_nothing_is_compiled_after_the_start(debug_model, compilations):
+def test_nothing_is_compiled_or_imported_after_the_start(debug_model, compilations, monkeypatch):
+    monkeypatch.delitem(sys.modules, "scipy.spatial.transform", raising=False)
     stream = debug_model.stream(look_ahead=1)
+    modules = set(sys.modules)
     with compilations() as compiled:
         stream.feed(speech(1))
         stream.controls, stream.style, stream.muted = Controls(energy=1.2), Style(seed=4), True
-        stream.feed(speech(1))
+        stream.cue("count:3")
+        stream.clear()
+        stream.cue("stop")
+        stream.feed(speech(1), speech(1))
         stream.flush()
-    assert not compiled
+    assert not compiled and set(sys.modules) == modules
 
 
 def test_samples_that_are_no_numbers_are_silence(debug_model):

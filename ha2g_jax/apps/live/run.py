@@ -1,6 +1,7 @@
 """A live run: sound of a source goes through the stream of a model, and its frames to the sinks."""
 
 import contextlib
+import gc
 import importlib.metadata
 import itertools
 import math
@@ -74,6 +75,7 @@ def run(
     stop = stop or StopFlag()
     with stage("compiling the model"):
         stream = model.stream(look_ahead=look_ahead, hop=hop, style=style, seed=seed, controls=controls)
+        gc.freeze()  # to look through all that the model has left in memory delays a frame by half a second
     stream.muted, stream.state = muted, state
     interpolation = Interpolation(stream.fps, stream.fps if fps is None else fps)
     latency = stream.latency + interpolation.delay

@@ -7,6 +7,7 @@ argument it receives connections, and sends a `Report` as a line of JSON when so
 
 import asyncio
 import contextlib
+import gc
 import json
 import logging
 import os
@@ -78,6 +79,7 @@ def warm_up(model: Model) -> None:
     model.generate(np.zeros(SAMPLE_RATE, np.float32))
     with contextlib.suppress(UserError):  # a model that reads words has no streams
         model.stream()
+    gc.freeze()  # to look through all that the model has left in memory delays a frame by half a second
 
 
 class Server(uvicorn.Server):
