@@ -13,6 +13,9 @@ from apps.live.standins import FPS, FakeStream, poses
 
 from ha2g_jax import cli, synthesis
 from ha2g_jax.apps.live import run
+from ha2g_jax.apps.live.sinks import Sinks
+from ha2g_jax.apps.live.sources import Change, Chunk
+from ha2g_jax.motion.cues import MOST, Cue
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.windows import DEFAULT_HOP, DEFAULT_LOOK_AHEAD
 
@@ -54,6 +57,18 @@ def test_in_real_time_frames_arrive_after_the_latency_and_the_motion_is_the_same
     assert [message["frame"] for message in messages[1:]] == list(range(11))
     assert live("--source", speech, "--fast", "--sink", tmp_path / "b.npz") == 0
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
+
+
+def test_a_cue_too_many_is_one_line_and_the_run_goes_on(debug_model, capsys):
+    class Source:
+        name, is_timed, lost_seconds = "a test", False, 0.0
+
+        def chunks(self, clock, stop):
+            yield from [Chunk(np.zeros(0, np.float32), 0.0, change=Change(cue=Cue("nod", 9.0)))] * (MOST + 1)
+            yield Chunk(np.zeros(16000, np.float32), 0.0)
+
+    assert run.run(debug_model, Source(), Sinks((), ())).computed == 15
+    assert capsys.readouterr().err.count("64 cues wait to be made; give nod when one of them has begun") == 1
 
 
 def test_a_recording_ends_where_files_of_motion_do(live, speech, tmp_path, monkeypatch, capsys):
