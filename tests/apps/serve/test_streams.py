@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from fixtures.service import begin, closing, finish, running, speech
 
+from ha2g_jax.motion.cues import MOST
 from ha2g_jax.synthesis import Style
 
 
@@ -121,6 +122,17 @@ def test_text_that_cannot_be_used_is_answered_and_changes_nothing(client):
     assert not any("\n" in answer or len(answer) > 500 for answer in answers)
     for answer, (_, expected) in zip(answers, TEXTS.values(), strict=False):
         assert expected in answer
+
+
+def test_a_cue_too_many_is_answered_and_the_stream_goes_on(client):
+    with client.stream() as websocket:
+        begin(websocket)
+        for text in ['{"cue": "nod", "time": 9}'] * (MOST + 2) + ['{"clear": true, "cue": "nod"}', '{"end": true}']:
+            websocket.send(text)
+        received, code = closing(websocket)
+    answers = [message["error"] for message in received if "error" in message]
+    assert len(answers) == 2 and answers[0].startswith("64 cues wait to be made; give nod when one of them has begun")
+    assert code == 1000 and {"cleared": True, "first": 0} in received
 
 
 @pytest.mark.parametrize(("clear", "rate"), [(True, 16000), (12, 16000), (True, 48000)])
