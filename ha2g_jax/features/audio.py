@@ -104,6 +104,21 @@ def read_audio(path: str | pathlib.Path, max_seconds: float = MAX_SOUND_SECONDS)
             return _mono(functools.partial(_ffmpeg_blocks, path), shown(path), max_seconds)
 
 
+def read_voices(path: str | pathlib.Path) -> tuple[np.ndarray, np.ndarray]:
+    """Read the two channels of a file that libsndfile reads, each as `read_audio` reads a file.
+
+    Raises:
+        UserError: the file has another number of channels, or cannot be used, see `read_audio`.
+    """
+    with reading(path, "a sound file", soundfile.SoundFileError):
+        count = soundfile.info(path).channels
+        if count != 2:
+            raise UserError(f"{shown(path)} has {count} channel{'s' * (count > 1)}; expected 2, one for each voice")
+        blocks = functools.partial(_libsndfile_blocks, pathlib.Path(path))
+        left, right = (_collect(blocks(), shown(path), MAX_SOUND_SECONDS, channel)[0] for channel in (0, 1))
+    return left, right
+
+
 def convert_samples(samples: np.ndarray, rate: int) -> np.ndarray:
     """Convert sound that another library has read, by the rules of `read_audio`.
 

@@ -23,6 +23,7 @@ REFUSED = {
         "live --source a.wav --sink x.npz": "--fps --delay --rig",
         "live --source a.wav --sink vmc://127.0.0.1 --fast": "--delay --rig --rate",
         "live --source stdin --sink udp://127.0.0.1:9": "--fast",
+        "live --source microphone --sink udp://127.0.0.1:9": "--fast --channels",
     },
     "export": {
         "export m.npz -o x.mp4": "--rig --words --count --unit --source-fps --joint-map",
@@ -79,8 +80,8 @@ REFUSED = {
 ALWAYS = {
     "generate": "--out --takes --format --checkpoint --backend --seed --fps --speaker --style --reference-image "
     "--style-seed --energy --extent --handedness --mirror --seed-pose --pin --mute --cues --smooth",
-    "live": "--source --sink --checkpoint --look-ahead --hop --seed --json --muted --speaker --style --reference-image "
-    "--style-seed --energy --extent --handedness --mirror --variation",
+    "live": "--source --sink --checkpoint --look-ahead --hop --seed --json --muted --state --speaker --style "
+    "--reference-image --style-seed --energy --extent --handedness --mirror --variation",
     "export": "--out --format",
     "runs": "--out",
     "doctor": "--config --describe --benchmark --gradients --json",
@@ -96,8 +97,9 @@ WHOLE = {
     "model publish", "model import", "model average", "data make-talk", "data merge", "data split", "train",
 }  # fmt: skip
 VALUES = {
-    "--joint-map": "mixamo", "--words": "a.wav", "--rate": "8000", "--kind": "bvh", "--style": "ann:1", "--rig": "vrm",
-    "--pin": "1:2:rest", "--mute": "1:2", "--up": "y", "--protocol": "beat2", "--skeleton": "ted_gesture",
+    "--joint-map": "mixamo", "--words": "a.wav", "--rate": "8000", "--channels": "2", "--kind": "bvh",
+    "--style": "ann:1", "--rig": "vrm", "--pin": "1:2:rest", "--mute": "1:2", "--up": "y", "--protocol": "beat2",
+    "--skeleton": "ted_gesture",
     "--precision": "float32", "--runner": "ray", "--sort": "name", "--set": "fps=15", "--camera": "close",
     "--table1": "ted_gesture", "--config": "talk:small",
 }  # fmt: skip

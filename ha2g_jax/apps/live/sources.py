@@ -27,7 +27,7 @@ from tqdm import tqdm
 from ha2g_jax.apps.live.clock import Clock, StopFlag, wait_until
 from ha2g_jax.apps.live.network import Address, read_address, serving
 from ha2g_jax.errors import UserError, require
-from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
+from ha2g_jax.features.audio import SAMPLE_RATE, read_audio, read_voices
 from ha2g_jax.files.reading import parse_json, reason, shown
 from ha2g_jax.limits import MAX_SOUND_RATE, MIN_SOUND_RATE
 from ha2g_jax.motion.cues import Cue, read_cue
@@ -103,26 +103,29 @@ class Source(Protocol):
 class FileSource:
     """A file with sound, heard in real time or as fast as the computation takes it.
 
+    Of 2 channels the left one is the agent, and the right one the person who is spoken with.
+
     Raises:
-        UserError: the file cannot be used, see `features.audio.read_audio`.
+        UserError: the file cannot be used, see `features.audio.read_audio` and `read_voices`.
     """
 
     lost_seconds = 0.0
 
-    def __init__(self, path: pathlib.Path, is_fast: bool) -> None:
-        self.name = shown(path.name)
-        self._samples, self.is_timed = read_audio(path), not is_fast
+    def __init__(self, path: pathlib.Path, is_fast: bool, channels: int = 1) -> None:
+        self.name, self.is_timed = shown(path.name), not is_fast
+        self._samples, self._other = read_voices(path) if channels == 2 else (read_audio(path), None)
 
     def chunks(self, clock: Clock, stop: StopFlag) -> Generator[Chunk, None, None]:
         size, start = round(CHUNK_SECONDS * SAMPLE_RATE), clock.now()
         for first in range(0, len(self._samples), size):
             samples = self._samples[first : first + size]
+            other = None if self._other is None else self._other[first : first + size]
             heard = start + first / SAMPLE_RATE
             if self.is_timed:
                 wait_until(heard + len(samples) / SAMPLE_RATE, clock, stop)
             if stop.is_asked():
                 return
-            yield Chunk(samples, heard)
+            yield Chunk(samples, heard, other)
 
 
 class Resampler:
@@ -462,7 +465,7 @@ def open_source(text: str, rate: int | None = None, is_fast: bool = False, chann
         text: path of a file with sound, "stdin", "microphone" or ws://HOST:PORT.
         rate: samples per second of "stdin", "microphone" or the WebSocket; by default that of the microphone, or 16000.
         is_fast: whether a file is taken as fast as it is computed.
-        channels: 2 for the agent and the person who is spoken with, of stdin and the WebSocket.
+        channels: 2 for the agent and the person who is spoken with; not of a microphone.
 
     Raises:
         UserError: the source is not known, cannot be used or does not take these options, or its library is missing.
@@ -474,8 +477,8 @@ def open_source(text: str, rate: int | None = None, is_fast: bool = False, chann
         raise UserError(f"--fast is for files; {shown(text)} is heard as it comes")
     if not is_arriving and rate is not None:
         raise UserError("--rate is for stdin, the microphone and WebSockets; a file states its own rate")
-    if channels == 2 and (text == "microphone" or not is_arriving):
-        raise UserError("--channels 2 is for stdin and WebSockets, whose sender knows who speaks")
+    if channels == 2 and text == "microphone":
+        raise UserError("--channels 2 is for sound in which each person has a channel; a microphone hears both in one")
     if text == "stdin":
         return PipeSource(rate, channels=channels)
     if text == "microphone":
@@ -484,4 +487,4 @@ def open_source(text: str, rate: int | None = None, is_fast: bool = False, chann
         return WebSocketSource(read_address(text), rate, channels)
     if is_arriving:
         raise UserError(f"no source {shown(text)}; expected a file, stdin, microphone or ws://HOST:PORT")
-    return FileSource(pathlib.Path(text), is_fast)
+    return FileSource(pathlib.Path(text), is_fast, channels)

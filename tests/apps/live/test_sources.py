@@ -40,8 +40,8 @@ def take(source, clock, seconds):
     return chunks
 
 
-def joined(chunks):
-    return np.concatenate([chunk.samples for chunk in chunks])
+def joined(chunks, name="samples"):
+    return np.concatenate([getattr(chunk, name) for chunk in chunks])
 
 
 @pytest.mark.parametrize("rate", [8000, 16000, 44100])
@@ -338,13 +338,26 @@ def test_a_timeline_knows_when_a_sample_is_heard_across_a_pause_and_forgets():
     assert timeline.heard(201.5) == pytest.approx(303.5)
 
 
+@pytest.mark.parametrize("rate", [16000, 44100])
+def test_a_file_of_two_channels_is_the_agent_and_the_other(tmp_path, rate):
+    voices = np.random.default_rng(0).normal(0, 0.1, (2, rate)).astype(np.float32)
+    soundfile.write(tmp_path / "both.wav", voices.T, rate, subtype="FLOAT")
+    chunks = [*open_source(str(tmp_path / "both.wav"), is_fast=True, channels=2).chunks(Clock(), StopFlag())]
+    for voice, found in zip(voices, (joined(chunks), joined(chunks, "other")), strict=True):
+        expected = voice if rate == 16000 else soxr.resample(voice, rate, 16000)
+        np.testing.assert_allclose(found, expected, atol=1e-4)
+    soundfile.write(tmp_path / "one.wav", voices[0], rate)
+    with pytest.raises(UserError, match=r"one\.wav has 1 channel; expected 2"):
+        open_source(str(tmp_path / "one.wav"), channels=2)
+
+
 @pytest.mark.parametrize(
     ("text", "options", "message"),
     [
         ("http://127.0.0.1:80", {}, "no source http"),
         ("stdin", {"rate": 12}, "the rate is 12"),
         ("stdin", {"is_fast": True}, "--fast is for files"),
-        ("microphone", {"channels": 2}, "--channels 2 is for stdin"),
+        ("microphone", {"channels": 2}, "--channels 2 is for sound in which"),
     ],
 )
 def test_a_source_that_cannot_be_used_is_said_in_one_line(text, options, message):
