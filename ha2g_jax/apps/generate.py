@@ -20,6 +20,7 @@ from ha2g_jax.files.reading import check_regular, reading, resolved, shown, why_
 from ha2g_jax.files.writing import check_kept, do_each, whole_file
 from ha2g_jax.motion import formats, rigs
 from ha2g_jax.motion.cues import Cue
+from ha2g_jax.motion.cues.reading import read_clip
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.progress import stage
 from ha2g_jax.synthesis.generator import Audio, Generator, Options, read_speech
@@ -291,7 +292,9 @@ def generate_files(
     picture = {"size": size or _SIZE, "camera": camera or "body", "fps": options.get("fps")}
     with stage("loading the model"):
         model = load(checkpoint, backend)
-    needs_words = model.reads_words or any(cue.word for cue in options.get("cues", ()))
+    cues = tuple(read_clip(cue, model.assets.skeleton) for cue in options.get("cues", ()))
+    options = {**options, "cues": cues}
+    needs_words = model.reads_words or any(cue.word for cue in cues)
     if words is not None and not needs_words:
         raise UserError(f"{model.spec.method} reads no words; leave --words out")
     if needs_words and words is None:

@@ -174,7 +174,8 @@ def run(arguments: argparse.Namespace) -> None:
     """Generate the files that the arguments ask for, and print their paths."""
     with stage("starting"):
         from ha2g_jax.apps.generate import generate_files
-        from ha2g_jax.motion import control, cues
+        from ha2g_jax.motion import control
+        from ha2g_jax.motion.cues.reading import read_cues
 
     controls = dataclasses.replace(
         read_amounts(arguments),
@@ -194,7 +195,7 @@ def run(arguments: argparse.Namespace) -> None:
         fps=arguments.fps,
         smoothing=arguments.smooth,
         controls=controls,
-        cues=() if arguments.cues is None else cues.read_cues(arguments.cues),
+        cues=() if arguments.cues is None else read_cues(arguments.cues),
         words=arguments.words,
         size=None if arguments.size is None else read_size(arguments.size),
         camera=arguments.camera,

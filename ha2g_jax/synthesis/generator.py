@@ -239,7 +239,7 @@ class Generator(abc.ABC, Generic[S]):
         skeleton, overlap = self.assets.skeleton, self.spec.num_seed_frames
         control.check(controls, skeleton, audio.duration)
         placed = gestures.place(cues, words, audio.duration)
-        made = [(gestures.keyframes_of(cue.name, skeleton, fps), cue.time) for cue in placed]
+        made = [(gestures.keyframes_of(cue, skeleton, fps), cue.time) for cue in placed]
         check_width(smoothing)
         start = start_name = None
         if seed_pose is not None:
@@ -286,7 +286,7 @@ class Generator(abc.ABC, Generic[S]):
             _check_fps(fps)
         control.check(controls, self.assets.skeleton)
         for cue in cues:
-            gestures.keyframes_of(gestures.check_cue(cue).name, self.assets.skeleton, self.fps)
+            gestures.keyframes_of(gestures.check_cue(cue), self.assets.skeleton, self.fps)
         check_width(smoothing)
         if seed_pose is not None:
             read_seed_pose(seed_pose, self.assets.skeleton, self.fps, self.spec.num_seed_frames)

@@ -236,13 +236,14 @@ class Stream:
         """Make a gesture whose stroke peaks at a time of the motion; it is blended into the frames after the controls.
 
         Args:
-            cue: what to make, or its name, such as "nod", "count:3" or "clip:FILE", see `motion.cues`.
+            cue: what to make, or its name, such as "nod" or "count:3", see `motion.cues`; a clip is read with
+                `motion.cues.reading.read_clip`.
             at: seconds from the beginning of the motion, by default the time of the cue. None, and a time that is over
                 or too near, is as soon as possible: about half a second from the next frame on.
 
         Raises:
-            UserError: there is no such gesture, the time is not a number of seconds, the cue is on a word, a file of
-                motion cannot be read, or 64 cues wait already.
+            UserError: there is no such gesture, the time is not a number of seconds, the cue is on a word, the
+                motion of a clip has not been read, or 64 cues wait already.
         """
         asked = cue if isinstance(cue, Cue) else Cue(cue)
         asked = check_cue(asked if at is None else asked._replace(time=at))
@@ -250,7 +251,7 @@ class Stream:
             raise UserError(f"the cue {asked.name} is on a word, and a stream has none; give a time, or leave both out")
         if self._layers[2].num_waiting >= MOST:
             raise UserError(f"{MOST} cues wait to be made; give {asked.name} when one of them has begun, or clear them")
-        self._layers[2].add(keyframes_of(asked.name, self.skeleton, self.fps), asked.time)
+        self._layers[2].add(keyframes_of(asked, self.skeleton, self.fps), asked.time)
 
     def skip(self, seconds: float) -> np.ndarray:
         """Bridge a gap in the speech with silence, and return the frames that became final.

@@ -10,7 +10,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Word
 from ha2g_jax.features.words import read_words
 from ha2g_jax.motion import cues
-from ha2g_jax.motion.cues import Cue
+from ha2g_jax.motion.cues import Cue, reading
 
 TALK = """1
 00:00:01,000 --> 00:00:02,000
@@ -36,7 +36,7 @@ def test_a_marker_belongs_to_the_word_after_it_else_to_the_one_before(tmp_path):
     (tmp_path / "talk.srt").write_text(TALK)
     words = {word.text: word.start for word in read_words(tmp_path / "talk.srt")}
     assert list(words) == ["there", "are", "three", "well", "bye"]  # no marker is spoken
-    read = cues.read_cues(tmp_path / "talk.srt")
+    read = reading.read_cues(tmp_path / "talk.srt")
     assert [cue.name for cue in read] == ["count:3", "open", "nod", "point:left", "wave"]
     assert [cue.time for cue in read] == [words["three"], words["well"], words["well"], 5.0, words["bye"]]
 
@@ -44,17 +44,17 @@ def test_a_marker_belongs_to_the_word_after_it_else_to_the_one_before(tmp_path):
 def test_timed_words_of_a_vtt_keep_their_times(tmp_path):
     text = "WEBVTT\n\n00:01.000 --> 00:04.000\nso<00:01.500><c> [clip:a b.bvh] today</c><00:02.500><c> we [bow]</c>\n"
     (tmp_path / "talk.vtt").write_text(text)
-    assert cues.read_cues(tmp_path / "talk.vtt") == (Cue("clip:a b.bvh", 1.5), Cue("bow", 2.5))
+    assert reading.read_cues(tmp_path / "talk.vtt") == (Cue("clip:a b.bvh", 1.5), Cue("bow", 2.5))
 
 
 def test_lines_of_json_have_times_or_words(tmp_path):
     lines = ['{"cue": "count:3:right", "time": 1.2}', "", '{"cue": "nod", "word": "Three"}']
     (tmp_path / "talk.jsonl").write_text("\n".join(lines))
-    read = cues.read_cues(tmp_path / "talk.jsonl")
-    assert read == (Cue("count:3", 1.2), Cue("nod", None, "Three"))
+    read = reading.read_cues(tmp_path / "talk.jsonl")
+    assert read == (Cue("count:3", 1.2), Cue("nod", None, "three"))
     placed = cues.place(read, [Word("two", 0.5, 1.0), Word("three", 1.5, 2.0)])
     assert [cue.time for cue in placed] == [1.2, 1.5]
-    assert [cues.read_cue(json.dumps(one)) for one in cues.describe(read)] == list(read)
+    assert [reading.read_cue(json.dumps(one)) for one in cues.describe(read)] == list(read)
 
 
 @pytest.mark.parametrize(
@@ -71,7 +71,7 @@ def test_lines_of_json_have_times_or_words(tmp_path):
 def test_a_mistake_in_a_file_is_one_line(tmp_path, name, text, message):
     (tmp_path / name).write_text(text)
     with pytest.raises(UserError, match=message) as caught:
-        cues.read_cues(tmp_path / name)
+        reading.read_cues(tmp_path / name)
     assert "\n" not in str(caught.value)
 
 
@@ -84,7 +84,7 @@ _MESSAGES = st.fixed_dictionaries({"cue": _NAMES | _VALUES}, optional={"time": _
 @given(st.text(max_size=60) | _MESSAGES.map(json.dumps))
 def test_any_text_is_a_cue_or_one_line(text):
     try:
-        cue = cues.read_cue(text)
+        cue = reading.read_cue(text)
     except UserError as error:
         assert "\n" not in str(error) and len(str(error)) < 400
     else:
@@ -98,6 +98,6 @@ def test_any_subtitles_are_cues_or_one_line(tmp_path_factory, parts):
     path = tmp_path_factory.mktemp("cues") / "talk.vtt"
     path.write_text("WEBVTT\n\n00:00.000 --> 00:01.000\n" + " ".join(parts))
     try:
-        assert all(cue.name == "nod" for cue in cues.read_cues(path))
+        assert all(cue.name == "nod" for cue in reading.read_cues(path))
     except UserError as error:
         assert "\n" not in str(error)

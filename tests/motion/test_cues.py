@@ -7,7 +7,7 @@ import pytest
 
 from ha2g_jax.motion import cues
 from ha2g_jax.motion.control.parts import bones_of
-from ha2g_jax.motion.cues import Cue, RunningCues
+from ha2g_jax.motion.cues import Cue, RunningCues, reading
 from ha2g_jax.motion.cues.catalogue import GESTURES, limbs
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.rotations import about, from_vector, rotate
@@ -28,7 +28,7 @@ def moving(name: str = "ted_expressive", frames: int = 54, fps: int = FPS) -> np
 
 def made(*asked: Cue, motion: np.ndarray | None = None, name: str = "ted_expressive", fps: int = FPS) -> np.ndarray:
     skeleton = load_skeleton(name)
-    gestures = [(cues.keyframes_of(cue.name, skeleton, fps), cue.time) for cue in asked]
+    gestures = [(cues.keyframes_of(cue, skeleton, fps), cue.time) for cue in asked]
     return cues.apply(skeleton, moving(name) if motion is None else motion, fps, gestures)
 
 
@@ -151,7 +151,7 @@ def test_at_the_borders_of_a_file_a_gesture_is_cut():
 def test_a_clip_is_shown_whole_with_its_middle_at_its_time(tmp_path):
     clip = made(Cue("wave", 1.0), motion=moving(frames=30))
     Motion.from_directions(SKELETON, clip, FPS).save(tmp_path / "wave.npz")
-    result = made(Cue(f"clip:{tmp_path / 'wave.npz'}", 2.0))
+    result = made(reading.read_clip(Cue(f"clip:{tmp_path / 'wave.npz'}", 2.0), SKELETON))
     np.testing.assert_allclose(result[15:45], clip, atol=1e-4)
     np.testing.assert_array_equal(result[:9], moving()[:9])
     np.testing.assert_array_equal(result[52:], moving()[52:])

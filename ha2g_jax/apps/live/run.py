@@ -75,7 +75,6 @@ def run(
     stop = stop or StopFlag()
     with stage("compiling the model"):
         stream = model.stream(look_ahead=look_ahead, hop=hop, style=style, seed=seed, controls=controls)
-        gc.freeze()  # to look through all that the model has left in memory delays a frame by half a second
     stream.muted, stream.state = muted, state
     interpolation = Interpolation(stream.fps, stream.fps if fps is None else fps)
     latency = stream.latency + interpolation.delay
@@ -85,7 +84,11 @@ def run(
             f"hop and frame rate, to {_LONGEST_DELAY:g} s"
         )
     with on_stop_signals(stop.ask, _SIGNALS, once=_SIGNALS):  # a second Ctrl-C interrupts at once
-        meter = _follow(stream, source, sinks, interpolation, latency if delay is None else delay, stop)
+        gc.freeze()  # to look through all that the model has left in memory delays a frame by half a second
+        try:
+            meter = _follow(stream, source, sinks, interpolation, latency if delay is None else delay, stop)
+        finally:
+            gc.unfreeze()
     if meter.sound_seconds == 0:
         if stop.signal:
             raise KeyboardInterrupt

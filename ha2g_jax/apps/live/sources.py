@@ -30,7 +30,8 @@ from ha2g_jax.errors import UserError, require
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio, read_voices
 from ha2g_jax.files.reading import parse_json, reason, shown
 from ha2g_jax.limits import MAX_SOUND_RATE, MIN_SOUND_RATE
-from ha2g_jax.motion.cues import Cue, read_cue
+from ha2g_jax.motion.cues import Cue
+from ha2g_jax.motion.cues.reading import read_cue
 from ha2g_jax.motion.states import STATES
 
 CHUNK_SECONDS = 0.02

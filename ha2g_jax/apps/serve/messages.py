@@ -13,7 +13,7 @@ from ha2g_jax.files.reading import shown
 from ha2g_jax.limits import MAX_SEED
 from ha2g_jax.motion.control import Controls, read_mute
 from ha2g_jax.motion.cues import Cue, check_cue
-from ha2g_jax.motion.cues.reading import check_name
+from ha2g_jax.motion.cues.cue import check_name
 from ha2g_jax.motion.formats import SUFFIXES, choose_rig
 from ha2g_jax.motion.rigs import OWN
 from ha2g_jax.motion.windows import DEFAULT_HOP, DEFAULT_LOOK_AHEAD

@@ -1,7 +1,7 @@
-"""Gestures on demand: what can be asked for, reading of it, and its blending into a motion."""
+"""Gestures on demand: what can be asked for, and its blending into a motion; `cues.reading` reads it from files."""
 
 from ha2g_jax.motion.cues.catalogue import NAMES, describe_catalogue, keyframes
-from ha2g_jax.motion.cues.reading import Cue, check_cue, describe, keyframes_of, place, read_cue, read_cues
+from ha2g_jax.motion.cues.cue import Cue, check_cue, describe, keyframes_of, place
 from ha2g_jax.motion.cues.running import MAX_SPEED, MOST, RunningCues, apply
 
 __all__ = [
@@ -17,6 +17,4 @@ __all__ = [
     "keyframes",
     "keyframes_of",
     "place",
-    "read_cue",
-    "read_cues",
 ]
