@@ -59,11 +59,22 @@ class _Frame(NamedTuple):
     nod: float = 0.0
 
 
+class _Layers(NamedTuple):
+    """What is added to the frames that are returned, in this order."""
+
+    controls: RunningControls
+    states: RunningStates
+    cues: RunningCues
+
+    def copy(self) -> "_Layers":
+        return _Layers(self.controls.copy(), self.states.copy(), self.cues.copy())
+
+
 class _Returned(NamedTuple):
     """The pose of a frame that was returned, without what the layers added, and these as they were before it."""
 
     pose: np.ndarray
-    layers: tuple[RunningControls, RunningStates, RunningCues]
+    layers: _Layers
 
 
 class Stream:
@@ -113,7 +124,7 @@ class Stream:
         self._style_ramp = Ramp(self._f_id, self.fps)
         self._rest_ramp = Ramp(self._rest_pose.ravel(), self.fps)
         self._weight_ramp: Ramp | None = None  # of the motion, from rest; begins at the first frame
-        self._layers = (  # on the frames that are returned
+        self._layers = _Layers(
             RunningControls(self.skeleton, self.fps, controls),
             RunningStates(self.skeleton, self.fps, seed),
             RunningCues(self.skeleton, self.fps),
@@ -193,11 +204,11 @@ class Stream:
         Raises:
             UserError: the state is none of these.
         """
-        return self._layers[1].state
+        return self._layers.states.state
 
     @state.setter
     def state(self, state: str) -> None:
-        self._layers[1].state = state
+        self._layers.states.state = state
 
     def feed(self, samples: np.ndarray, other: np.ndarray | None = None) -> np.ndarray:
         """Take the next samples, and return the frames that became final.
@@ -249,9 +260,9 @@ class Stream:
         asked = check_cue(asked if at is None else asked._replace(time=at))
         if asked.word is not None:
             raise UserError(f"the cue {asked.name} is on a word, and a stream has none; give a time, or leave both out")
-        if self._layers[2].num_waiting >= MOST:
+        if self._layers.cues.num_waiting >= MOST:
             raise UserError(f"{MOST} cues wait to be made; give {asked.name} when one of them has begun, or clear them")
-        self._layers[2].add(keyframes_of(asked, self.skeleton, self.fps), asked.time)
+        self._layers.cues.add(keyframes_of(asked, self.skeleton, self.fps), asked.time)
 
     def skip(self, seconds: float) -> np.ndarray:
         """Bridge a gap in the speech with silence, and return the frames that became final.
@@ -304,7 +315,7 @@ class Stream:
             self._layers = self._recent.pop().layers
             self._num_returned -= 1
         self.state = state
-        self._layers[2].drop_waiting()
+        self._layers.cues.drop_waiting()
         self._held, self._expected, self._num_made, self._weight_ramp = [], [], first, None
         self._join.restart()
         if frame is not None:
@@ -437,7 +448,7 @@ class Stream:
         returned = np.zeros((len(frames[:final]), self.spec.skeleton.num_bones, 3), np.float32)
         for place, frame in enumerate(frames[:final]):
             controls, states, cues = self._layers
-            self._recent.append(_Returned(frame.pose.copy(), (controls.copy(), states.copy(), cues.copy())))
+            self._recent.append(_Returned(frame.pose.copy(), self._layers.copy()))
             pose = controls.apply(frame.pose[None], self._controls, is_muted=self.muted)[0]
             pose = states.apply(
                 pose,
