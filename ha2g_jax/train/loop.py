@@ -39,6 +39,7 @@ from ha2g_jax.train.workdir import only_run
 SAMPLES, PROFILE = "samples", "profile"
 
 _NAMES_SHOWN = 8
+_SETTLING = 30  # batches before a validation that the statistics of a running average are measured by
 _LINE_SECONDS = 60.0  # seconds between two lines about the steps where stderr is no terminal
 
 
@@ -105,6 +106,7 @@ def _train(
     init_key, key = jax.random.split(jax.random.key(config.seed))
     validate = Validation(objective, mesh, held_out, batch_size) if held_out else None
     step_function = sharding.compile_step(objective, mesh)
+    settle = sharding.compile_settling(objective, mesh) if objective.average_decay else None
     assets = _assets(config, workdir, corpus, windows, spec)
 
     best = Checkpoints(workdir / BEST)
@@ -184,6 +186,8 @@ def _train(
                 with log.apart():
                     latest.check()
                     best.check()
+                    if settle and _until_due(step, config.train.validate_every, num_steps) < _SETTLING:
+                        state = settle(state, batch, key)
                     if validate and _is_due(step, config.train.validate_every, num_steps):
                         log.flush()
                         with _stage("validating"):
@@ -242,7 +246,11 @@ def _failure(error: NotFinite, names: list[str], workdir: pathlib.Path, save: Ca
 
 
 def _is_due(step: int, every: int, last: int) -> bool:
-    return step % every == 0 or step == last
+    return _until_due(step, every, last) == 0
+
+
+def _until_due(step: int, every: int, last: int) -> int:
+    return min(-step % every, last - step)
 
 
 class Validation:

@@ -17,7 +17,7 @@ from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
 from ha2g_jax.checkpoint.state import TrainState
 from ha2g_jax.errors import UserError
 from ha2g_jax.train.objective import Objective
-from ha2g_jax.train.step import Metrics, train_step, validation_step
+from ha2g_jax.train.step import Metrics, settle_average, train_step, validation_step
 
 AXIS = "data"
 
@@ -100,6 +100,13 @@ def compile_step(objective: Objective, mesh: Mesh) -> Callable[..., tuple[TrainS
         jax.make_array_from_process_local_data(split, np.full(mesh.local_mesh.size, wish)) for wish in (False, True)
     )
     return lambda state, batch, key, stop=False: compiled(state, batch, key, end if stop else go_on)
+
+
+def compile_settling(objective: Objective, mesh: Mesh) -> Callable[..., TrainState]:
+    """Compile `settle_average` as a function (state, batch, key) -> state; the state is donated."""
+    copied, split = NamedSharding(mesh, PartitionSpec()), NamedSharding(mesh, PartitionSpec(AXIS))
+    settle = functools.partial(settle_average, objective)
+    return jax.jit(settle, in_shardings=(copied, split, copied), out_shardings=copied, donate_argnums=0)
 
 
 def compile_validation_step(objective: Objective, mesh: Mesh) -> Callable[..., Metrics]:

@@ -43,7 +43,7 @@ def train_step(objective: Objective, state: TrainState, batch: Batch, key: jax.A
 
         average <- d average + (1 - d) generator,   d = min(D, (1 + t) / (10 + t))
 
-    so that it starts from the initial variables and their weight soon vanishes.
+    so that it starts from the initial variables and their weight soon vanishes; see also `settle_average`.
 
     Args:
         objective: static.
@@ -94,6 +94,24 @@ def train_step(objective: Objective, state: TrainState, batch: Batch, key: jax.A
         rates["discriminator"] = objective.discriminator_rate
     metrics |= {f"learning_rate/{name}": jnp.asarray(rate(state.step), jnp.float32) for name, rate in rates.items()}
     return _where(is_finite, after, state).replace(is_finite=is_finite), metrics
+
+
+def settle_average(objective: Objective, state: TrainState, batch: Batch, key: jax.Array) -> TrainState:
+    """Move the BatchNorm statistics of the average by a batch that its own parameters encode.
+
+    The mean over steps of the statistics belongs to the parameters of those steps. Averaged parameters have others, by
+    which the batch statistics of their activations have to be measured (Izmailov et al. 2018, section 3.2).
+
+    Args:
+        objective, state, batch, key: as for `train_step`; the state has an average.
+
+    Returns:
+        The state with the statistics moved; unchanged if `state.is_finite` is False.
+    """
+    keys = step_keys(objective.spec, key, state.step)
+    run = method_of(objective.spec).run(objective.spec, state.average, batch, keys, compute=objective.compute)
+    settled = state.average | {"batch_stats": run.batch_stats}
+    return state.replace(average=_where(state.is_finite, settled, state.average))
 
 
 def validation_step(objective: Objective, state: TrainState, batch: Batch, key: jax.Array) -> Metrics:

@@ -242,6 +242,27 @@ def test_the_average_moves_towards_the_new_variables(switched):
     assert after.model is after.average
 
 
+def test_the_statistics_of_the_average_become_those_of_its_own_parameters(make_objective, draw_state, make_batch):
+    objective = make_objective("autoencoder", train__ema=0.999)
+    state, batch, key = draw_state(objective), make_batch(objective, 64), jax.random.key(0)
+    average = {**state.average, "params": jax.tree.map(lambda x: 1.5 * x, state.average["params"])}
+    state = state.replace(average=average)
+
+    def output(train):
+        run = method_of(objective.spec).run
+        return run(objective.spec, state.average, batch, {"dropout": key}, train=train).outputs.poses[-1]
+
+    settle = jax.jit(functools.partial(steps.settle_average, objective))
+    before, distance = state, max_difference(output(False), output(True))
+    for _ in range(100):
+        state = settle(state, batch, key)
+    assert max_difference(output(False), output(True)) < 0.1 * distance
+    assert equal(state.average["params"], average["params"]) and equal(state.generator, before.generator)
+
+    failed = before.replace(is_finite=jnp.zeros((), bool))
+    assert equal(settle(failed, batch, key), failed)
+
+
 def test_both_rates_are_on_the_schedule_of_the_run(switched):
     *_, metrics = switched
     expected = 5e-4 * (1 + np.cos(np.pi * 2 / 8)) / 2
