@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ha2g_jax.apps.live.sources import Resampler
+from ha2g_jax.apps.live.pieces import Resampler
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.motion.cues import Cue
 from ha2g_jax.synthesis.stream import Stream

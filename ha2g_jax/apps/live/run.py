@@ -14,9 +14,10 @@ from tqdm import tqdm
 
 from ha2g_jax.apps.live.clock import Clock, StopFlag, Timeline
 from ha2g_jax.apps.live.frames import Frame, Interpolation, Rigs
+from ha2g_jax.apps.live.pieces import Change
 from ha2g_jax.apps.live.sender import Meter, Sender
 from ha2g_jax.apps.live.sinks import Sinks
-from ha2g_jax.apps.live.sources import Change, Source
+from ha2g_jax.apps.live.sources import Source
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.limits import MAX_MOTION_SECONDS

@@ -9,7 +9,6 @@ What is sent ahead waits here until its time, so that it can be dropped when its
 
 import collections
 import contextlib
-import io
 import json
 import pathlib
 import queue
@@ -17,20 +16,18 @@ import sys
 import threading
 import time
 from collections.abc import Generator, Iterator
-from typing import Any, BinaryIO, NamedTuple, Protocol
+from typing import Any, BinaryIO, Protocol
 
 import numpy as np
-import soundfile
-import soxr
 from tqdm import tqdm
 
 from ha2g_jax.apps.live.clock import Clock, StopFlag, wait_until
 from ha2g_jax.apps.live.network import Address, read_address, serving
+from ha2g_jax.apps.live.pieces import Change, Chunk, Decoder, Resampler
 from ha2g_jax.errors import UserError, require
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio, read_voices
-from ha2g_jax.files.reading import parse_json, reason, shown
+from ha2g_jax.files.reading import parse_json, shown
 from ha2g_jax.limits import MAX_SOUND_RATE, MIN_SOUND_RATE
-from ha2g_jax.motion.cues import Cue
 from ha2g_jax.motion.cues.reading import read_cue
 from ha2g_jax.motion.states import STATES
 
@@ -45,39 +42,6 @@ _BROKEN = 5.0  # seconds without sound after which a microphone is taken to be u
 _INSTALL_PORTAUDIO = "sudo apt install libportaudio2 (Debian, Ubuntu), sudo dnf install portaudio (Fedora)"
 _BUSY, _UNSUPPORTED = 1013, 1003  # codes of WebSockets for a second sender, and for what is not sound
 _MOST_REASON = 100  # letters that a WebSocket is closed with
-_MOST_HEADER = 1 << 16  # bytes of a WAV before its sound
-_UNKNOWN_SIZE = 0x7FFF0000  # from which on the size of a WAV that is written to a pipe is not its size
-# How files begin that are neither raw PCM nor WAV.
-_OTHERS = {
-    b"fLaC": "FLAC",
-    b"OggS": "Ogg",
-    b"ID3": "MP3",
-    b"FORM": "AIFF",
-    b".snd": "AU",
-    b"caff": "CAF",
-    b"RF64": "RF64",
-}
-
-
-class Change(NamedTuple):
-    """What a sender asks for: values of a stream, see `Stream`; a cue; or to drop the speech that is not shown yet."""
-
-    muted: bool | None = None
-    state: str | None = None
-    cue: Cue | None = None
-    clear: bool = False
-
-
-class Chunk(NamedTuple):
-    """Samples (samples,), float32 mono at 16 kHz, and the time of the clock at which the first of them is heard.
-
-    `other` are those of the person who is spoken with, and `change` takes effect before these samples.
-    """
-
-    samples: np.ndarray
-    heard: float
-    other: np.ndarray | None = None
-    change: Change | None = None
 
 
 class Source(Protocol):
@@ -127,33 +91,6 @@ class FileSource:
             if stop.is_asked():
                 return
             yield Chunk(samples, heard, other)
-
-
-class Resampler:
-    """Conversion of sound that arrives in pieces to 16 kHz."""
-
-    def __init__(self, rate: float, channels: int = 1) -> None:
-        self._rate = rate
-        is_equal = rate == SAMPLE_RATE
-        self._stream = None if is_equal else soxr.ResampleStream(rate, SAMPLE_RATE, channels, dtype="float32")
-        self._taken = self._given = 0
-
-    def resample(self, samples: np.ndarray, heard: float, is_last: bool = False) -> Chunk:
-        """Convert a piece; the last milliseconds of it are held back, unless the sound ends here.
-
-        Args:
-            samples: (samples,) float32 mono, or (samples, 2), the agent and the other; values that are not finite
-                become 0.
-            heard: time at which the first of them is heard.
-            is_last: whether the sound ends here.
-        """
-        samples = np.nan_to_num(samples.astype(np.float32, copy=False), nan=0.0, posinf=0.0, neginf=0.0)
-        if self._stream is not None:
-            heard += self._given / SAMPLE_RATE - self._taken / self._rate
-            self._taken += len(samples)
-            samples = self._stream.resample_chunk(samples, last=is_last)
-            self._given += len(samples)
-        return Chunk(samples, heard) if samples.ndim == 1 else Chunk(samples[:, 0], heard, samples[:, 1])
 
 
 class Inbox:
@@ -264,7 +201,7 @@ class PipeSource:
             yield from inbox.chunks(clock, stop)
 
     def _read(self, inbox: Inbox) -> None:
-        decoder = _Decoder(self._rate, self._channels)
+        decoder = Decoder(self._rate, self._channels)
         try:
             while data := self._file.read(_PIECE):
                 if not inbox.put(decoder.decode(data)):
@@ -294,7 +231,7 @@ class WebSocketSource:
             connection.close(_BUSY, "another sender is connected")
             return
         try:
-            decoder = _Decoder(self._rate, self._channels)
+            decoder = Decoder(self._rate, self._channels)
             for message in connection:
                 try:
                     piece = read_change(message) if isinstance(message, str) else decoder.decode(message)
@@ -336,67 +273,6 @@ def read_change(text: str) -> Change:
         'send sound as binary messages, and of text {"muted": true}, {"state": "listen"}, {"clear": true} or '
         '{"cue": "nod"} only'
     )
-
-
-class _Decoder:
-    """Conversion of the bytes of raw PCM or of a WAV to samples, mono or (samples, 2), at a rate, by default 16 kHz.
-
-    A WAV is known by its header, which says its rate, channels and type; part of a sample is kept for the next bytes.
-    """
-
-    def __init__(self, rate: int | None, channels: int = 1) -> None:
-        self._channels = channels
-        self._stated, self._rest, self._left = rate, b"", sys.maxsize
-        self._form: dict[str, Any] = {}  # of the sound, as soon as it is known
-        self._width, self._resampler = 2 * channels, None
-
-    def decode(self, data: bytes, *, is_last: bool = False) -> np.ndarray:
-        """Return the samples float32 of further bytes.
-
-        Raises:
-            UserError: they are of another kind of file, or of a WAV with another rate than the one that is stated.
-        """
-        self._rest += data
-        if not self._form and not self._begin(is_last):
-            return np.zeros((0, *[2] * (self._channels == 2)), np.float32)
-        whole = min(len(self._rest), self._left) // self._width * self._width
-        sound, self._rest, self._left = self._rest[:whole], self._rest[whole:], self._left - whole
-        samples = soundfile.read(io.BytesIO(sound), dtype="float32", always_2d=True, **self._form)[0]
-        samples = samples.mean(axis=1) if self._channels == 1 else samples
-        return samples if self._resampler is None else self._resampler.resample_chunk(samples, last=is_last)
-
-    def _begin(self, is_last: bool) -> bool:
-        """Find out what the sound is, and return whether it is known."""
-        head, self._form = self._rest, {}
-        if len(head) < 12 and not is_last:
-            return False
-        if other := next((name for start, name in _OTHERS.items() if head.startswith(start)), None):
-            raise UserError(f"what is sent is {other}; send WAV or raw PCM, or give the file to --source")
-        form = {"samplerate": self._stated or SAMPLE_RATE, "channels": self._channels, "subtype": "PCM_16"}
-        if head.startswith(b"RIFF") and head[8:12] == b"WAVE":
-            start = 12
-            while head[start : start + 4] != b"data" and start < len(head):
-                if head[start : start + 4] == b"fmt ":
-                    self._width = int.from_bytes(head[start + 20 : start + 22], "little")
-                start += 8 + int.from_bytes(head[start + 4 : start + 8], "little") + 1 & ~1
-            if len(head) < start + 8 and not is_last and len(head) < _MOST_HEADER:
-                return False
-            size = int.from_bytes(head[start + 4 : start + 8], "little")
-            try:
-                with soundfile.SoundFile(io.BytesIO(head)) as file:
-                    form = {"samplerate": file.samplerate, "channels": file.channels, "subtype": file.subtype}
-                soundfile.read(io.BytesIO(bytes(self._width)), format="RAW", **form)
-            except (soundfile.SoundFileError, ValueError, TypeError) as error:
-                raise UserError(f"what is sent is a WAV that cannot be read ({reason(error)}); send 16 bits") from error
-            if self._channels == 2 != file.channels:
-                raise UserError(f"the WAV has {file.channels} channels; send 2, the agent and the other")
-            if self._stated not in (None, file.samplerate):
-                raise UserError(f"the WAV has {file.samplerate} samples a second, not {self._stated}; leave out --rate")
-            self._rest, self._left = head[start + 8 :], size if 0 < size < _UNKNOWN_SIZE else sys.maxsize
-            if file.samplerate != (self._stated or SAMPLE_RATE):
-                self._resampler = soxr.ResampleStream(file.samplerate, SAMPLE_RATE, self._channels, dtype="float32")
-        self._form = form | {"format": "RAW", "endian": "LITTLE"}
-        return True
 
 
 class MicrophoneSource:

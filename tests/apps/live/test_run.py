@@ -13,8 +13,8 @@ from apps.live.standins import FPS, FakeStream, poses
 
 from ha2g_jax import cli, synthesis
 from ha2g_jax.apps.live import run
+from ha2g_jax.apps.live.pieces import Change, Chunk
 from ha2g_jax.apps.live.sinks import Sinks
-from ha2g_jax.apps.live.sources import Change, Chunk
 from ha2g_jax.motion.cues import MOST, Cue
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.windows import DEFAULT_HOP, DEFAULT_LOOK_AHEAD

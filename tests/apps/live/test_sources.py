@@ -17,7 +17,8 @@ from websockets.sync.client import connect
 from ha2g_jax.apps.live import sources
 from ha2g_jax.apps.live.clock import Clock, StopFlag, Timeline
 from ha2g_jax.apps.live.network import read_address
-from ha2g_jax.apps.live.sources import Change, FileSource, Resampler, open_source
+from ha2g_jax.apps.live.pieces import Change, Decoder, Resampler
+from ha2g_jax.apps.live.sources import FileSource, open_source
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion.cues import Cue
 
@@ -90,7 +91,7 @@ def test_stdin_is_read_to_its_end_with_samples_that_two_reads_share(clock):
 def test_a_wav_on_stdin_is_heard_as_its_header_says(subtype, rate, size):
     """Two channels, in reads of any size, with more behind the sound."""
     soundfile.write(file := io.BytesIO(), np.stack([tone(rate), tone(rate)], 1), rate, subtype, format="WAV")
-    content, decoder = file.getvalue() + b"LIST\x04\0\0\0more", sources._Decoder(None)
+    content, decoder = file.getvalue() + b"LIST\x04\0\0\0more", Decoder(None)
     pieces = [decoder.decode(content[start : start + size]) for start in range(0, len(content), size)]
     sound = np.concatenate([*pieces, decoder.decode(b"", is_last=True)])
     assert len(sound) == pytest.approx(16000, abs=2)

@@ -1,0 +1,136 @@
+"""Pieces of sound that arrive: their bytes as samples, their samples at 16 kHz, and what is asked for between them."""
+
+import io
+import sys
+from typing import Any, NamedTuple
+
+import numpy as np
+import soundfile
+import soxr
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.files.reading import reason
+from ha2g_jax.motion.cues import Cue
+
+_MOST_HEADER = 1 << 16  # bytes of a WAV before its sound
+_UNKNOWN_SIZE = 0x7FFF0000  # from which on the size of a WAV that is written to a pipe is not its size
+# How files begin that are neither raw PCM nor WAV.
+_OTHERS = {
+    b"fLaC": "FLAC",
+    b"OggS": "Ogg",
+    b"ID3": "MP3",
+    b"FORM": "AIFF",
+    b".snd": "AU",
+    b"caff": "CAF",
+    b"RF64": "RF64",
+}
+
+
+class Change(NamedTuple):
+    """What a sender asks for: values of a stream, see `Stream`; a cue; or to drop the speech that is not shown yet."""
+
+    muted: bool | None = None
+    state: str | None = None
+    cue: Cue | None = None
+    clear: bool = False
+
+
+class Chunk(NamedTuple):
+    """Samples (samples,), float32 mono at 16 kHz, and the time of the clock at which the first of them is heard.
+
+    `other` are those of the person who is spoken with, and `change` takes effect before these samples.
+    """
+
+    samples: np.ndarray
+    heard: float
+    other: np.ndarray | None = None
+    change: Change | None = None
+
+
+class Resampler:
+    """Conversion of sound that arrives in pieces to 16 kHz."""
+
+    def __init__(self, rate: float, channels: int = 1) -> None:
+        self._rate = rate
+        is_equal = rate == SAMPLE_RATE
+        self._stream = None if is_equal else soxr.ResampleStream(rate, SAMPLE_RATE, channels, dtype="float32")
+        self._taken = self._given = 0
+
+    def resample(self, samples: np.ndarray, heard: float, is_last: bool = False) -> Chunk:
+        """Convert a piece; the last milliseconds of it are held back, unless the sound ends here.
+
+        Args:
+            samples: (samples,) float32 mono, or (samples, 2), the agent and the other; values that are not finite
+                become 0.
+            heard: time at which the first of them is heard.
+            is_last: whether the sound ends here.
+        """
+        samples = np.nan_to_num(samples.astype(np.float32, copy=False), nan=0.0, posinf=0.0, neginf=0.0)
+        if self._stream is not None:
+            heard += self._given / SAMPLE_RATE - self._taken / self._rate
+            self._taken += len(samples)
+            samples = self._stream.resample_chunk(samples, last=is_last)
+            self._given += len(samples)
+        return Chunk(samples, heard) if samples.ndim == 1 else Chunk(samples[:, 0], heard, samples[:, 1])
+
+
+class Decoder:
+    """Conversion of the bytes of raw PCM or of a WAV to samples, mono or (samples, 2), at a rate, by default 16 kHz.
+
+    A WAV is known by its header, which says its rate, channels and type; part of a sample is kept for the next bytes.
+    """
+
+    def __init__(self, rate: int | None, channels: int = 1) -> None:
+        self._channels = channels
+        self._stated, self._rest, self._left = rate, b"", sys.maxsize
+        self._form: dict[str, Any] = {}  # of the sound, as soon as it is known
+        self._width, self._resampler = 2 * channels, None
+
+    def decode(self, data: bytes, *, is_last: bool = False) -> np.ndarray:
+        """Return the samples float32 of further bytes.
+
+        Raises:
+            UserError: they are of another kind of file, or of a WAV with another rate than the one that is stated.
+        """
+        self._rest += data
+        if not self._form and not self._begin(is_last):
+            return np.zeros((0, *[2] * (self._channels == 2)), np.float32)
+        whole = min(len(self._rest), self._left) // self._width * self._width
+        sound, self._rest, self._left = self._rest[:whole], self._rest[whole:], self._left - whole
+        samples = soundfile.read(io.BytesIO(sound), dtype="float32", always_2d=True, **self._form)[0]
+        samples = samples.mean(axis=1) if self._channels == 1 else samples
+        return samples if self._resampler is None else self._resampler.resample_chunk(samples, last=is_last)
+
+    def _begin(self, is_last: bool) -> bool:
+        """Find out what the sound is, and return whether it is known."""
+        head, self._form = self._rest, {}
+        if len(head) < 12 and not is_last:
+            return False
+        if other := next((name for start, name in _OTHERS.items() if head.startswith(start)), None):
+            raise UserError(f"what is sent is {other}; send WAV or raw PCM, or give the file to --source")
+        form = {"samplerate": self._stated or SAMPLE_RATE, "channels": self._channels, "subtype": "PCM_16"}
+        if head.startswith(b"RIFF") and head[8:12] == b"WAVE":
+            start = 12
+            while head[start : start + 4] != b"data" and start < len(head):
+                if head[start : start + 4] == b"fmt ":
+                    self._width = int.from_bytes(head[start + 20 : start + 22], "little")
+                start += 8 + int.from_bytes(head[start + 4 : start + 8], "little") + 1 & ~1
+            if len(head) < start + 8 and not is_last and len(head) < _MOST_HEADER:
+                return False
+            size = int.from_bytes(head[start + 4 : start + 8], "little")
+            try:
+                with soundfile.SoundFile(io.BytesIO(head)) as file:
+                    form = {"samplerate": file.samplerate, "channels": file.channels, "subtype": file.subtype}
+                soundfile.read(io.BytesIO(bytes(self._width)), format="RAW", **form)
+            except (soundfile.SoundFileError, ValueError, TypeError) as error:
+                raise UserError(f"what is sent is a WAV that cannot be read ({reason(error)}); send 16 bits") from error
+            if self._channels == 2 != file.channels:
+                raise UserError(f"the WAV has {file.channels} channels; send 2, the agent and the other")
+            if self._stated not in (None, file.samplerate):
+                raise UserError(f"the WAV has {file.samplerate} samples a second, not {self._stated}; leave out --rate")
+            self._rest, self._left = head[start + 8 :], size if 0 < size < _UNKNOWN_SIZE else sys.maxsize
+            if file.samplerate != (self._stated or SAMPLE_RATE):
+                self._resampler = soxr.ResampleStream(file.samplerate, SAMPLE_RATE, self._channels, dtype="float32")
+        self._form = form | {"format": "RAW", "endian": "LITTLE"}
+        return True
