@@ -3,13 +3,15 @@
     python experiments/reproduce.py table1 --data talk --size small --seeds 3
     python experiments/reproduce.py table3 --data ted_expressive:corpora/ted
     python experiments/reproduce.py table1 --data talk --size debug          # a quick test that everything runs
+    python experiments/reproduce.py table1_equal --data talk --size small    # with equal inputs and of equal size
     python experiments/reproduce.py factorial --continue --size medium       # the factorial study, where it was left
 
-TABLE is table1, table3, table4, table11, table12, figure3, gesture_ablation or factorial. Each row and seed is a run of
-its own in WORKDIR, which all tables use; finished runs are not trained again, and the same command continues an
-interrupted one. With --continue it starts from the runs that the repository keeps, so that a study goes on anywhere.
-table5 and table10 are statistics of the data, for which nothing is trained. Without --size models and training are the
-paper's, which take days on one GPU; `ha2g doctor --benchmark --table1` measures the hours on this machine.
+TABLE is table1, table1_equal, table3, table4, table11, table12, figure3, gesture_ablation or factorial. Each row and
+seed is a run of its own in WORKDIR, which all tables use; finished runs are not trained again, and the same command
+continues an interrupted one. With --continue it starts from the runs that the repository keeps, so that a study goes on
+anywhere. table5 and table10 are statistics of the data, for which nothing is trained. Without --size models and
+training are the paper's, which take days on one GPU; `ha2g doctor --benchmark --table1` measures the hours on this
+machine.
 """
 
 import argparse

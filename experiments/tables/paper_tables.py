@@ -7,7 +7,8 @@ from ha2g_jax.config import presets
 from ha2g_jax.errors import UserError
 
 GROUND_TRUTH = "Ground Truth"
-TABLES = ("table1", "table3", "table4", "table11", "table12", "figure3", "gesture_ablation")
+EQUAL = "table1_equal"
+TABLES = ("table1", EQUAL, "table3", "table4", "table11", "table12", "figure3", "gesture_ablation")
 
 
 class Published(NamedTuple):
@@ -136,18 +137,16 @@ _COMPARABLE = {"HA2G-ASR", "M = 1", "M = 7"}
 _SKELETONS = {"table4": "ted_expressive", "gesture_ablation": "ted_gesture"}
 
 
-def table(name: str, data: str) -> Table:
+def table(name: str, data: str, size: str = "paper") -> Table:
     """Return a table of the paper with the numbers that are published for a data set or for its skeleton.
 
     Args:
         name: one of `TABLES`.
         data: one of `presets.DATA`.
-
-    Returns:
-        The table.
+        size: one of `presets.SIZES`.
 
     Raises:
-        UserError: the table does not fit the data.
+        UserError: the table does not fit the data, or there is none at this size.
     """
     skeleton, _ = presets.DATA[data]
     if _SKELETONS.get(name, skeleton) != skeleton:
@@ -157,6 +156,8 @@ def table(name: str, data: str) -> Table:
         )
     if name in _ABLATIONS:
         return _ablations(name)
+    if name == EQUAL:
+        return _equal(data, size)
     numbers = TABLE_1[skeleton]
     rows = tuple(Row(row, method, {}, numbers[row]) for row, method in METHODS.items())
     if name == "table1" and data == "talk":
@@ -170,6 +171,19 @@ def table(name: str, data: str) -> Table:
         rows = tuple(row for row in rows if row.name == "HA2G")
         return Table(title, "ted_expressive", Published(), rows, "HA2G")
     return Table(title, skeleton, numbers[GROUND_TRUTH], rows, "HA2G")
+
+
+def _equal(data: str, size: str) -> Table:
+    if data != "talk":
+        raise UserError(f"{EQUAL} needs images and known causes, which {data} has not; give --data talk")
+    whole = table("table1", data)
+    rows = tuple(
+        Row(f"{name}, equal inputs and size", method, presets.equal(method, size), Published())
+        for name, method in METHODS.items()
+        if name != whole.reference
+    )
+    reference = next(row for row in whole.rows if row.name == whole.reference)
+    return whole._replace(title="Table 1 at equal size and with equal inputs", rows=(*rows, reference))
 
 
 def _ablations(name: str) -> Table:

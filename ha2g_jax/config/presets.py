@@ -376,3 +376,32 @@ def factorial(size: str) -> dict[str, Changes]:
                 changes["model.inferer.hidden_dim"] = width
             rows[", ".join(controls) or FULL] = changes
     return rows
+
+
+# Table 1 at equal size and with equal inputs, see docs/results/factorial.md: the baselines hear the spectrogram and see
+# the images of the speaker by the encoders of HA2G, and none reads words.
+_SEES = {"model.identity.kind": "images", "model.identity.feature_dim": 18}
+_HEARS = {"model.audio.kind": "resnet_se", "model.text.kind": "none"}
+# Size -> width of a baseline with which as many parameters generate as in HA2G.
+_EQUAL_WIDTHS = {
+    "medium": {"seq2seq": 262, "speech2gesture": 208, "joint_embedding": 279, "trimodal": 315},
+    "small": {"seq2seq": 140, "speech2gesture": 110, "joint_embedding": 147, "trimodal": 162},
+    "debug": {"seq2seq": 49, "speech2gesture": 29, "joint_embedding": 39, "trimodal": 44},
+}
+
+
+def equal(method: str, size: str) -> Changes:
+    """Return the settings with which a baseline has the inputs and the size of HA2G.
+
+    Raises:
+        UserError: there is no such width at this size.
+    """
+    if size not in _EQUAL_WIDTHS:
+        raise UserError(f"no baselines as large as HA2G at size {size}; expected one of {', '.join(_EQUAL_WIDTHS)}")
+    width = _EQUAL_WIDTHS[size][method]
+    own = {
+        # It has an encoder of the spectrogram of its own.
+        "speech2gesture": {"model.audio.spectrogram.channels": (width // 4, width // 2, width)},
+        "joint_embedding": {**_HEARS, "model.context.hidden_dim": width},
+    }
+    return {**_SEES, **own.get(method, _HEARS), "model.inferer.hidden_dim": width}

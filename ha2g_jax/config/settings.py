@@ -139,7 +139,9 @@ SETTINGS = (
 )
 
 _NO_IDENTITY = Setting("model.identity.kind", "none", one_of("none"), "the method knows no speakers")
-_WAVEFORM = Setting("model.audio.kind", "waveform", one_of("waveform"), "samples of the speech")
+_IMAGES = Setting("model.identity.kind", "none", one_of("none", "images"), "images: the mean of E_ID is the style")
+_SOUND = Setting("model.audio.kind", "waveform", one_of("waveform", "resnet_se"), "samples of the speech, or E_a")
+_WORDS = Setting("model.text.kind", "tcn", one_of("tcn", "none"), "none: gestures from sound alone")
 _NO_AUDIO = Setting("model.audio.kind", "none", one_of("none"), "the method hears nothing")
 _PAPER = Setting("model.architecture", "paper", one_of("paper"), "networks of the paper")
 
@@ -184,25 +186,26 @@ OF_METHOD: dict[str, tuple[Setting, ...]] = {
         ),
     ),
     "seq2seq": (
-        *(_NO_IDENTITY, _NO_AUDIO, _PAPER),
+        *(_IMAGES, _WORDS, _PAPER),
+        Setting("model.audio.kind", "none", one_of("none", "resnet_se"), "resnet_se: E_a in place of the words"),
         *_losses("seq2seq", {"mse": 250.0, "continuity": 0.1, "variance": 25.0}),
     ),
     "speech2gesture": (
-        *(_NO_IDENTITY, _PAPER),
+        *(_IMAGES, _PAPER),
         Setting("model.audio.kind", "spectrogram", one_of("spectrogram"), "log-mel spectrogram"),
         Setting("model.audio.spectrogram.channels", (64, 128, 256), several(_SIZE, least=1), "channels of each stage"),
         Setting("model.legacy", False, FLAG, "as HA2G was compared with: swapped axes, second differences"),
         *_losses("speech2gesture", {"l1": 100.0, "gan": 10.0}, _GAN_KIND._replace(default="least_squares")),
     ),
     "joint_embedding": (
-        *(_NO_IDENTITY, _WAVEFORM, _PAPER),
+        *(_IMAGES, _SOUND, _WORDS, _PAPER),
         Setting("model.context.hidden_dim", 256, _HIDDEN, "values of a state of the GRU that reads the speech"),
         Setting("model.context.layers", 2, _LAYERS, "its layers"),
         *_losses("joint_embedding", {"l1": 1.0}),
     ),
     "trimodal": (
-        *(_WAVEFORM, Setting("model.identity.kind", "speakers", one_of("speakers"), "a table of speakers")),
-        Setting("model.text.kind", "tcn", one_of("tcn", "none"), "none: gestures from sound alone"),
+        *(_SOUND, _WORDS),
+        Setting("model.identity.kind", "speakers", one_of("speakers", "images"), "a table of speakers, or E_ID"),
         *_losses(
             "trimodal",
             {"gan": 5.0, "huber": 500.0, "style": 0.05, "kld": 0.1},

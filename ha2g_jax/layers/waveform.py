@@ -28,6 +28,8 @@ class WaveformEncoder(nn.Module):
     num_frames: int = 34
     fps: float = 15
 
+    inputs = ("audio",)
+
     @nn.compact
     def __call__(self, audio: jax.Array, *, train: bool) -> jax.Array:
         """Map the samples of a window at 16 kHz, -1 to 1, (B, samples) to features (B, N, feature_dim)."""

@@ -1,6 +1,6 @@
 """Joint Embedding (Ahuja and Morency 2019): speech and poses take turns at one decoder."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -10,6 +10,7 @@ from ha2g_jax.config.settings import Config
 from ha2g_jax.layers import initializers
 from ha2g_jax.layers.conv import BatchNorm
 from ha2g_jax.layers.gru import GRU, FrameDecoder
+from ha2g_jax.layers.resnet_se import AudioEncoder
 from ha2g_jax.layers.tcn import TextEncoder
 from ha2g_jax.layers.waveform import WaveformEncoder
 from ha2g_jax.methods import networks
@@ -26,7 +27,7 @@ from ha2g_jax.methods.method import (
     speech_arguments,
     subtract_mean,
 )
-from ha2g_jax.methods.networks import apply, text_encoder, waveform_encoder
+from ha2g_jax.methods.networks import apply, audio_encoder, identity_encoder, mean_style, speech_features, text_encoder
 from ha2g_jax.skeleton import Skeleton
 
 _SEED_DIM = 32
@@ -73,15 +74,15 @@ class SeedEncoder(nn.Module):
 
 
 class JointEmbedding(nn.Module):
-    """Speech audio, its words and M seed poses to N poses, by way of one latent a window.
+    """Speech audio, its words, a style and M seed poses to N poses, by way of one latent a window.
 
     Every method can be the `method=` of `apply`. Poses are flat, mean-subtracted direction vectors (D1). All methods
     use "batch_stats"; `encode_speech`, `decode` and `infer` draw from the stream "dropout" in training. `context_dim`
     and `context_layers` are of the GRU that reads the speech features.
     """
 
-    audio: WaveformEncoder
-    text: TextEncoder
+    audio: WaveformEncoder | AudioEncoder
+    text: TextEncoder | None  # None for a model of sound alone
     pose_dim: int
     num_frames: int = 34
     latent_dim: int = 32
@@ -90,6 +91,7 @@ class JointEmbedding(nn.Module):
     hidden_dim: int = 300
     layers: int = 4
     dropout: float = 0.3
+    identity: Any = None  # encoder of images, None for a model that knows no speakers
 
     def setup(self) -> None:
         self.context = ContextEncoder(self.latent_dim, self.context_dim, self.context_layers)
@@ -98,39 +100,49 @@ class JointEmbedding(nn.Module):
         self.decoder = FrameDecoder(self.pose_dim, self.hidden_dim, self.layers, self.dropout)
 
     def __call__(
-        self, inputs: dict[str, jax.Array], identity: None, seed: jax.Array, *, train: bool
+        self, inputs: dict[str, jax.Array], identity: jax.Array | None, seed: jax.Array, *, train: bool
     ) -> tuple[jax.Array, ...]:
         """Runs every part once, without noise; returns the poses, as `infer`."""
-        del identity  # None; the argument is that of the other methods.
-        features = self.encode_speech(inputs, train=train)
-        poses = self.infer(features, jnp.zeros_like(features[0]), seed, train=train)
+        features, style = self.encode_speech(inputs, train=train), mean_style(self, identity, seed, train=train)
+        poses = self.infer(features, jnp.zeros_like(features[0]), style, seed, train=train)
         self.encode_pose(poses[-1], train=train)
         return poses
 
     def encode_speech(self, inputs: dict[str, jax.Array], *, train: bool) -> tuple[jax.Array, jax.Array]:
-        """Maps "audio" (B, 36267) and "words" (B, N) to mean and log-variance of the latent, each (B, 32)."""
-        audio, text = self.audio(inputs["audio"], train=train), self.text(inputs["words"], train=train)
-        return self.context(jnp.concatenate([audio, text], axis=-1), train=train)
+        """Maps "audio" (B, 36267), or "mel", and "words" (B, N) to mean and log-variance of the latent, (B, 32)."""
+        return self.context(speech_features(self.audio, self.text, inputs, train=train), train=train)
+
+    def encode_identity(self, images: jax.Array, *, train: bool) -> tuple[jax.Array, jax.Array]:
+        """Maps images (B, M, S, S, 3) to mean and log-variance of the style, each (B, style_dim)."""
+        return self.identity(images, train=train)
 
     def encode_pose(self, poses: jax.Array, *, train: bool) -> tuple[jax.Array, jax.Array]:
         """Maps true poses (B, N, pose_dim) to mean and log-variance; training takes the mean for the latent."""
         return self.pose_encoder(poses, train=train)
 
-    def decode(self, latent: jax.Array, seed: jax.Array, *, train: bool) -> jax.Array:
-        """Maps a latent (B, 32), of speech or of poses, and the seed (B, M, pose_dim) to poses (B, N, pose_dim)."""
-        x = jnp.concatenate([self.seed_encoder(seed, train=train), latent], axis=-1)
+    def decode(self, latent: jax.Array, style: jax.Array, seed: jax.Array, *, train: bool) -> jax.Array:
+        """Maps a latent (B, 32), of speech or of poses, a style (B, style_dim) and the seed (B, M, pose_dim) to poses
+        (B, N, pose_dim).
+        """
+        x = jnp.concatenate([self.seed_encoder(seed, train=train), latent, style], axis=-1)
         return self.decoder(jnp.repeat(x[:, None], self.num_frames, axis=1), train=train)
 
     def infer(
-        self, features: tuple[jax.Array, jax.Array], noise: jax.Array, seed: jax.Array, *, train: bool
+        self,
+        features: tuple[jax.Array, jax.Array],
+        noise: jax.Array,
+        style: jax.Array,
+        seed: jax.Array,
+        *,
+        train: bool,
     ) -> tuple[jax.Array, ...]:
         """Samples the latent of the speech, mean and log-variance of `encode_speech`, and decodes it.
 
-        The noise (B, 32) from N(0, I) gives a sample, zeros give the mean. The seed (B, M, pose_dim) are the true poses
-        of the first M frames. The only level (B, N, pose_dim) has the seed frames predicted as well. Poses are
-        mean-subtracted.
+        The noise (B, 32) from N(0, I) gives a sample, zeros give the mean. The style is (B, style_dim), the seed
+        (B, M, pose_dim) the true poses of the first M frames. The only level (B, N, pose_dim) has the seed frames
+        predicted as well. Poses are mean-subtracted.
         """
-        return (self.decode(sample_latent(features, noise), seed, train=train),)
+        return (self.decode(sample_latent(features, noise), style, seed, train=train),)
 
 
 def sample_latent(distribution: tuple[jax.Array, jax.Array], noise: jax.Array) -> jax.Array:
@@ -158,7 +170,8 @@ keys: tuple[str, ...] = ("dropout", "latent", "coin")
 reconstruction_term = "l1"
 has_parts = False
 init_arguments = speech_arguments
-encode_speech, encode_identity, loss_settings = networks.encode_speech, networks.no_identity, networks.no_settings
+encode_speech, encode_identity = networks.encode_speech, networks.encode_identity
+loss_settings = networks.no_settings
 
 
 class Terms(NamedTuple):
@@ -174,11 +187,11 @@ def total(weights: Terms, terms: Terms) -> jax.Array:
 
 def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
     """Build the networks of `config.model`; see `Method.build`."""
-    del num_speakers
-    context, inferer = config.model.context, config.model.inferer
+    has_words = config.model.text.kind == "tcn"
+    audio, context, inferer = audio_encoder(config), config.model.context, config.model.inferer
     generator = JointEmbedding(
-        audio=waveform_encoder(config),
-        text=text_encoder(config, vocabulary_size),
+        audio=audio,
+        text=text_encoder(config, vocabulary_size) if has_words else None,
         pose_dim=skeleton.pose_dim,
         num_frames=config.data.num_frames,
         context_dim=context.hidden_dim,
@@ -186,8 +199,10 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
         hidden_dim=inferer.hidden_dim,
         layers=inferer.layers,
         dropout=inferer.dropout,
+        identity=identity_encoder(config, num_speakers),
     )
-    return make_spec(config, skeleton, generator, inputs=("audio", "words"), noise_dim=generator.latent_dim)
+    inputs = audio.inputs + ("words",) * has_words
+    return make_spec(config, skeleton, generator, inputs=inputs, noise_dim=generator.latent_dim)
 
 
 def sample(
@@ -198,12 +213,11 @@ def sample(
     seed_pose: jax.Array,
     noise: jax.Array,
 ) -> jax.Array:
-    """Generate the poses of windows, each from a sample of its latent; without style. See `GeneratingMethod`.
+    """Generate the poses of windows, each from a sample of its latent; see `GeneratingMethod`.
 
     The noise of the latent is that of the first frame.
     """
-    del style
-    clips = (features, noise[:, 0], seed_pose)
+    clips = (features, noise[:, 0], style, seed_pose)
     (poses,) = spec.generator.apply(variables, *clips, train=False, method=JointEmbedding.infer)
     return poses
 
@@ -220,13 +234,14 @@ def run(
     """Decode the latent of the speech or, in training, by the toss of a fair coin, of the true poses.
 
     There is one toss a batch. Both encoders run, so that both have the statistics of every batch. The latent of the
-    speech is always a sample, in evaluation too, that of the poses never. See `Method.run`.
+    speech is always a sample, in evaluation too, that of the poses never. The style is always the mean of the identity,
+    as no term of the objective keeps its distribution near another. See `Method.run`.
     """
-    speech, _, seed = speech_arguments(spec, batch)
+    speech, identity, seed = speech_arguments(spec, batch)
     poses = subtract_mean(spec, batch["directions"])
     noise = jax.random.normal(keys["latent"], (len(poses), spec.generator.latent_dim), poses.dtype)
     from_speech = jax.random.bernoulli(keys["coin"]) if train else jnp.ones((), bool)
-    clips = (speech, poses, seed, noise, from_speech)
+    clips = (speech, identity, poses, seed, noise, from_speech)
     decoded, batch_stats = apply(
         spec.generator,
         variables,
@@ -242,6 +257,7 @@ def run(
 def _encode_and_decode(
     model: JointEmbedding,
     speech: dict[str, jax.Array],
+    identity: jax.Array | None,
     poses: jax.Array,
     seed: jax.Array,
     noise: jax.Array,
@@ -251,7 +267,7 @@ def _encode_and_decode(
 ) -> jax.Array:
     latent, _ = model.encode_pose(poses, train=train)
     latent = jnp.where(from_speech, sample_latent(model.encode_speech(speech, train=train), noise), latent)
-    return model.decode(latent, seed, train=train)
+    return model.decode(latent, mean_style(model, identity, seed, train=train), seed, train=train)
 
 
 def terms(spec: Spec, settings: None, outputs: Poses, contrast: None, targets: jax.Array, gan: None) -> Terms:

@@ -12,10 +12,10 @@ import jax.numpy as jnp
 from flax import linen as nn
 
 from ha2g_jax.config.settings import Config
-from ha2g_jax.errors import UserError
 from ha2g_jax.features.noise import track
 from ha2g_jax.layers.cpu.onednn.library import choosing
-from ha2g_jax.layers.identity import SpeakerIdentity
+from ha2g_jax.layers.identity import ImageIdentity, SpeakerIdentity
+from ha2g_jax.layers.resnet_se import AudioEncoder
 from ha2g_jax.layers.tcn import TextEncoder
 from ha2g_jax.layers.waveform import WaveformEncoder
 from ha2g_jax.methods.method import FLOAT32, Batch, Compute, Poses, Run, Spec, Variables, speech_arguments
@@ -37,10 +37,41 @@ def text_encoder(config: Config, vocabulary_size: int) -> TextEncoder:
     )
 
 
-def waveform_encoder(config: Config) -> WaveformEncoder:
-    """Return the encoder of the samples of a window."""
+def audio_encoder(config: Config) -> AudioEncoder | WaveformEncoder:
+    """Return E_a, or the encoder of the samples of a window."""
+    if config.model.audio.kind == "resnet_se":
+        return resnet_se(config)
     data = config.data
     return WaveformEncoder(config.model.audio.feature_dim, num_frames=data.num_frames, fps=data.fps)
+
+
+def resnet_se(config: Config, *, reads_decibels: bool = False) -> AudioEncoder:
+    """Return E_a."""
+    audio, data = config.model.audio, config.data
+    settings: dict[str, Any] = {name: tuple(value) for name, value in audio.resnet_se.items()}
+    return AudioEncoder(
+        **settings,
+        feature_dim=audio.feature_dim,
+        num_frames=data.num_frames,
+        fps=data.fps,
+        is_recomputed=config.model.recompute,
+        reads_decibels=reads_decibels,
+    )
+
+
+def identity_encoder(config: Config, num_speakers: int, *, has_hidden: bool = False) -> Any:
+    """Return E_ID, an `ImageIdentity` or a `SpeakerIdentity`; None for a method without identities."""
+    identity = config.model.identity
+    if identity.kind == "none":
+        return None
+    if identity.kind == "speakers":
+        return speaker_table(config, num_speakers, has_hidden=has_hidden)
+    return ImageIdentity(
+        blocks=tuple(identity.images.blocks),
+        width=identity.images.width,
+        feature_dim=identity.feature_dim,
+        is_recomputed=config.model.recompute,
+    )
 
 
 def speaker_table(config: Config, num_speakers: int, *, has_hidden: bool = False) -> SpeakerIdentity:
@@ -50,6 +81,21 @@ def speaker_table(config: Config, num_speakers: int, *, has_hidden: bool = False
         feature_dim=config.model.identity.feature_dim,
         has_hidden=has_hidden,
     )
+
+
+def speech_features(audio: Any, text: TextEncoder | None, inputs: Mapping[str, jax.Array], *, train: bool) -> jax.Array:
+    """Return the features of the sound and, with a text encoder, of the words, side by side: (B, N, features).
+
+    Those of E_a are low, mid and high.
+    """
+    (name,) = audio.inputs
+    words = () if text is None else text(inputs["words"], train=train)
+    return jnp.concatenate(jax.tree.leaves([audio(inputs[name], train=train), words]), axis=-1)
+
+
+def mean_style(generator: Any, identity: jax.Array | None, seed: jax.Array, *, train: bool) -> jax.Array:
+    """Return the means of the identities by a bound generator, (B, style_dim); (B, 0) without identities."""
+    return seed[:, 0, :0] if identity is None else generator.encode_identity(identity, train=train)[0]
 
 
 def encode_speech(spec: Spec, variables: Variables, speech: Batch) -> Any:
@@ -63,20 +109,12 @@ def encode_identity(spec: Spec, variables: Variables, identity: jax.Array) -> ja
     return mean
 
 
-def sample_with_style(
+def sample(
     spec: Spec, variables: Variables, features: Any, style: jax.Array, seed_pose: jax.Array, noise: jax.Array
 ) -> jax.Array:
     """Generate the poses of windows, those of the last level; without noise. See `GeneratingMethod`."""
     del noise
     return spec.generator.apply(variables, features, style, seed_pose, train=False, method="infer")[-1]
-
-
-def sample_without_style(
-    spec: Spec, variables: Variables, features: Any, style: jax.Array, seed_pose: jax.Array, noise: jax.Array
-) -> jax.Array:
-    """Generate the poses of windows; without style and noise. See `GeneratingMethod`."""
-    del style, noise
-    return spec.generator.apply(variables, features, seed_pose, train=False, method="infer")[-1]
 
 
 def draw_noise(spec: Spec, key: jax.Array, count: int) -> jax.Array:
@@ -90,16 +128,6 @@ def draw_noise(spec: Spec, key: jax.Array, count: int) -> jax.Array:
 def no_settings(settings: Mapping[str, Any]) -> None:
     """Return None: the `loss_settings` of a method whose terms have none."""
     del settings
-
-
-def no_identity(spec: Spec, variables: Variables, identity: jax.Array) -> jax.Array:
-    """Refuse an identity: the `encode_identity` of a method without one.
-
-    Raises:
-        UserError: always.
-    """
-    del variables, identity
-    raise UserError(f"{spec.method} knows no speakers; leave the style out")
 
 
 def apply(

@@ -1,21 +1,24 @@
-"""Attention Seq2Seq (Yoon et al., ICRA 2019): the words of a window to poses, without sound.
+"""Attention Seq2Seq (Yoon et al., ICRA 2019): the words of a window, or its sound in their place, to poses.
 
 In the published comparison a cubic per channel replaced the first 12 frames of each window of a long recording. Here
 the borders of all methods are treated alike, see `motion.windows`.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from flax import linen as nn
 
 from ha2g_jax.config.settings import Config
+from ha2g_jax.errors import UserError
 from ha2g_jax.layers import initializers
 from ha2g_jax.layers.conv import BatchNorm
 from ha2g_jax.layers.gru import BiGRU, GRUCells
+from ha2g_jax.layers.resnet_se import AudioEncoder
 from ha2g_jax.methods import networks
 from ha2g_jax.methods.method import Poses, Spec, make_spec, speech_arguments
+from ha2g_jax.methods.networks import identity_encoder, mean_style, resnet_se, speech_features
 from ha2g_jax.skeleton import Skeleton
 
 # W [h ; e] as two products, the words' one taken once for all frames: each half is drawn for the inputs of both.
@@ -30,7 +33,7 @@ class Sentence(NamedTuple):
 
 
 class SentenceEncoder(nn.Module):
-    """A bidirectional GRU over the words of a sentence."""
+    """A bidirectional GRU over the words of a sentence, or over the features of frames in their place."""
 
     num_words: int
     embedding_dim: int
@@ -39,18 +42,22 @@ class SentenceEncoder(nn.Module):
     dropout: float
 
     @nn.compact
-    def __call__(self, words: jax.Array, *, train: bool) -> Sentence:
-        """Maps word indices (B, T), 0 after the sentence's end, to a sentence.
+    def __call__(self, x: jax.Array, *, train: bool) -> Sentence:
+        """Maps word indices (B, T), 0 after the sentence's end, or features (B, T, features) to a sentence.
 
         The decoder's layers start from the first entries of the list (layer 1 forward, layer 1 backward, layer 2
         forward, ...) of final states: with two layers from both directions of the bottom layer. The top layer would
         be the natural choice; this is kept for parity with the published comparisons.
         """
-        is_real = words != 0
-        spread = initializers.normal(self.embedding_dim**-0.5)
-        # As in `TextEncoder`: the rows' gradients are summed in float32.
-        table = nn.Embed(self.num_words, self.embedding_dim, dtype=jnp.float32, embedding_init=spread, name="embedding")
-        x = table(words).astype(table.embedding.dtype)
+        is_real = jnp.ones(x.shape[:2], bool)
+        if x.ndim == 2:  # words
+            is_real = x != 0
+            spread = initializers.normal(self.embedding_dim**-0.5)
+            # As in `TextEncoder`: the rows' gradients are summed in float32.
+            table = nn.Embed(
+                self.num_words, self.embedding_dim, dtype=jnp.float32, embedding_init=spread, name="embedding"
+            )
+            x = table(x).astype(table.embedding.dtype)
         gru = BiGRU(self.hidden_dim, self.layers, self.dropout, name="gru")
         states = gru.states(x, is_real=is_real, train=train)
         forward, backward = states[-1]
@@ -81,8 +88,8 @@ class PoseDecoder(nn.Module):
 
         where h is the top state and i runs over all T steps: those after the sentence's end are zero vectors, but
         have their share of the weight. Kept for parity with the published comparisons. States, per layer
-        (B, hidden_dim), and pose are those of the frame before; the words are e (B, T, hidden_dim), the keys their part
-        of W [h ; e].
+        (B, hidden_dim), and pose, beside which there may be a style, are those of the frame before; the words are e
+        (B, T, hidden_dim), the keys their part of W [h ; e].
         """
         attend = nn.Dense(self.hidden_dim, kernel_init=_HALF_LINEAR, name="attention_state")
         query = attend(states[-1].astype(pose.dtype))
@@ -100,10 +107,10 @@ class PoseDecoder(nn.Module):
 
 
 class Seq2Seq(nn.Module):
-    """The words of a window, without their times, and M seed poses to N poses.
+    """The words of a window, without their times, or its sound, and M seed poses to N poses.
 
-    There is neither audio nor identity. Poses are flat, mean-subtracted direction vectors (D1). Only `infer` uses
-    "batch_stats"; both methods draw from the stream "dropout" in training.
+    Of an identity it takes the mean, which is the style. Poses are flat, mean-subtracted direction vectors (D1). All
+    methods use "batch_stats"; `encode_speech` and `infer` draw from the stream "dropout" in training.
     """
 
     num_words: int
@@ -113,6 +120,8 @@ class Seq2Seq(nn.Module):
     hidden_dim: int = 200
     layers: int = 2
     dropout: float = 0.1
+    audio: AudioEncoder | None = None  # None for a model that reads the words
+    identity: Any = None  # encoder of images, None for a model that knows no speakers
 
     def setup(self) -> None:
         self.text = SentenceEncoder(self.num_words, self.embedding_dim, self.hidden_dim, self.layers, self.dropout)
@@ -120,19 +129,25 @@ class Seq2Seq(nn.Module):
         self.decoder = PoseDecoder(self.pose_dim, self.hidden_dim, self.layers, self.dropout)
 
     def __call__(
-        self, inputs: dict[str, jax.Array], identity: None, seed: jax.Array, *, train: bool
+        self, inputs: dict[str, jax.Array], identity: jax.Array | None, seed: jax.Array, *, train: bool
     ) -> tuple[jax.Array]:
-        """Run every part once and return the poses of `infer`; there is no identity."""
-        del identity
-        return self.infer(self.encode_speech(inputs, train=train), seed, train=train)
+        """Run every part once and return the poses of `infer`."""
+        style = mean_style(self, identity, seed, train=train)
+        return self.infer(self.encode_speech(inputs, train=train), style, seed, train=train)
 
     def encode_speech(self, inputs: dict[str, jax.Array], *, train: bool) -> Sentence:
-        """Maps "plain_words" (B, T), word indices and then 0, to a sentence."""
-        return self.text(inputs["plain_words"], train=train)
+        """Maps "plain_words" (B, T), word indices and then 0, or "mel" (B, 128, 70) in dB to a sentence."""
+        if self.audio is None:
+            return self.text(inputs["plain_words"], train=train)
+        return self.text(speech_features(self.audio, None, inputs, train=train), train=train)
 
-    def infer(self, sentence: Sentence, seed: jax.Array, *, train: bool) -> tuple[jax.Array]:
+    def encode_identity(self, images: jax.Array, *, train: bool) -> tuple[jax.Array, jax.Array]:
+        """Maps images (B, M, S, S, 3) to mean and log-variance of the style, each (B, style_dim)."""
+        return self.identity(images, train=train)
+
+    def infer(self, sentence: Sentence, style: jax.Array, seed: jax.Array, *, train: bool) -> tuple[jax.Array]:
         """The roll-out, the same in training and in synthesis, from the true poses (B, M, pose_dim) of the first M
-        frames.
+        frames, in a style (B, style_dim).
 
         Frame 0 is copied from the seed. Frame t is decoded from the true pose t - 1 while t - 1 < M, then from the pose
         decoded before. BatchNorm normalises each frame by itself; its running averages mix all frames. The only level
@@ -147,7 +162,8 @@ class Seq2Seq(nn.Module):
         def step(decoder, carry, frame):
             states, previous = carry
             known, is_known = frame
-            states, pose = decoder(states, jnp.where(is_known, known, previous), words, keys, train=train)
+            pose = jnp.concatenate([jnp.where(is_known, known, previous), style], axis=-1)
+            states, pose = decoder(states, pose, words, keys, train=train)
             return (states, pose), pose
 
         start = (tuple(jnp.moveaxis(states.astype(jnp.float32), 1, 0)), known[0])
@@ -193,7 +209,7 @@ reconstruction_term = "mse"
 has_parts = False
 init_arguments = speech_arguments
 run, loss_settings = networks.run_generator, networks.no_settings
-encode_speech, encode_identity, sample = networks.encode_speech, networks.no_identity, networks.sample_without_style
+encode_speech, encode_identity, sample = networks.encode_speech, networks.encode_identity, networks.sample
 
 
 class Terms(NamedTuple):
@@ -214,9 +230,18 @@ _NUM_MARKS = 2
 
 
 def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
-    """Build the network of `config.model`; there is no discriminator. See `Method.build`."""
-    del num_speakers
-    inferer = config.model.inferer
+    """Build the network of `config.model`; there is no discriminator. See `Method.build`.
+
+    Raises:
+        UserError: it would have both words and sound for its sentence, or neither.
+    """
+    inferer, text, sound = config.model.inferer, config.model.text.kind, config.model.audio.kind
+    if (text == "none") != (sound == "resnet_se"):
+        raise UserError(
+            f"config.model.text.kind is {text!r} and config.model.audio.kind {sound!r}: set them to 'tcn' and 'none', "
+            "or to 'none' and 'resnet_se' to hear the sound in place of the words"
+        )
+    audio = None if sound == "none" else resnet_se(config)
     generator = Seq2Seq(
         num_words=vocabulary_size + _NUM_MARKS,
         pose_dim=skeleton.pose_dim,
@@ -225,8 +250,10 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
         hidden_dim=inferer.hidden_dim,
         layers=inferer.layers,
         dropout=inferer.dropout,
+        audio=audio,
+        identity=identity_encoder(config, num_speakers),
     )
-    return make_spec(config, skeleton, generator, inputs=("plain_words",))
+    return make_spec(config, skeleton, generator, inputs=("plain_words",) if audio is None else audio.inputs)
 
 
 def terms(spec: Spec, settings: None, outputs: Poses, contrast: None, targets: jax.Array, gan: None) -> Terms:

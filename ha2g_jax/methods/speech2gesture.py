@@ -4,7 +4,7 @@ Arrays have the channels last. "SAME" padding is that of XLA and TensorFlow: an 
 bottom.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +17,7 @@ from ha2g_jax.layers import initializers
 from ha2g_jax.layers.conv import BatchNorm
 from ha2g_jax.methods import networks
 from ha2g_jax.methods.method import Poses, Spec, make_spec, speech_arguments
+from ha2g_jax.methods.networks import identity_encoder, mean_style
 from ha2g_jax.skeleton import Skeleton
 
 _SLOPE = 0.2
@@ -104,7 +105,7 @@ class UNet(nn.Module):
 
 
 class Speech2Gesture(nn.Module):
-    """The mel of a window and M seed poses to N poses; neither words nor identity.
+    """The mel of a window and M seed poses to N poses; no words, and of an identity the mean, which is the style.
 
     Poses are flat, mean-subtracted direction vectors (D1). Both methods use "batch_stats". The stages on the
     spectrogram have `audio_channels`, blocks on frames `channels`; for `swapped_axes` see `lay_on_frames`.
@@ -116,6 +117,7 @@ class Speech2Gesture(nn.Module):
     channels: int = 256
     downs: int = 5
     swapped_axes: bool = False
+    identity: Any = None  # encoder of images, None for a model that knows no speakers
 
     def setup(self) -> None:
         self.audio = SpectrogramEncoder(self.audio_channels, self.num_frames, self.swapped_axes)
@@ -127,23 +129,29 @@ class Speech2Gesture(nn.Module):
         self.output = nn.Conv(self.pose_dim, (1,), kernel_init=initializers.LINEAR)
 
     def __call__(
-        self, inputs: dict[str, jax.Array], identity: None, seed: jax.Array, *, train: bool
+        self, inputs: dict[str, jax.Array], identity: jax.Array | None, seed: jax.Array, *, train: bool
     ) -> tuple[jax.Array]:
-        """Run every part once and return the poses of `infer`; there is no identity."""
-        del identity
-        return self.infer(self.encode_speech(inputs, train=train), seed, train=train)
+        """Run every part once and return the poses of `infer`."""
+        style = mean_style(self, identity, seed, train=train)
+        return self.infer(self.encode_speech(inputs, train=train), style, seed, train=train)
 
     def encode_speech(self, inputs: dict[str, jax.Array], *, train: bool) -> jax.Array:
         """Maps "mel" (B, 128, 70) in dB to features on frames (B, N, channels)."""
         return self.unet(self.audio(inputs["mel"], train=train), train=train)
 
-    def infer(self, features: jax.Array, seed: jax.Array, *, train: bool) -> tuple[jax.Array]:
-        """Decodes features (B, N, channels) and the true poses (B, M, pose_dim) of the first M frames.
+    def encode_identity(self, images: jax.Array, *, train: bool) -> tuple[jax.Array, jax.Array]:
+        """Maps images (B, M, S, S, 3) to mean and log-variance of the style, each (B, style_dim)."""
+        return self.identity(images, train=train)
+
+    def infer(self, features: jax.Array, style: jax.Array, seed: jax.Array, *, train: bool) -> tuple[jax.Array]:
+        """Decodes features (B, N, channels), a style (B, style_dim) and the true poses (B, M, pose_dim) of the first M
+        frames.
 
         The only level (B, N, pose_dim) has the seed frames predicted as well.
         """
         start = nn.relu(self.seed_norm(self.seed_in(seed.reshape(len(seed), -1)), train=train))
-        start = jnp.repeat(self.seed_out(start)[:, None], features.shape[1], axis=1)
+        start = jnp.concatenate([self.seed_out(start), style], axis=-1)
+        start = jnp.repeat(start[:, None], features.shape[1], axis=1)
         x = jnp.concatenate([features, start], axis=-1)
         for block in self.decoder:
             x = block(x, train=train)
@@ -183,7 +191,7 @@ reconstruction_term = "l1"
 has_parts = False
 init_arguments = speech_arguments
 run, loss_settings = networks.run_generator, networks.no_settings
-encode_speech, encode_identity, sample = networks.encode_speech, networks.no_identity, networks.sample_without_style
+encode_speech, encode_identity, sample = networks.encode_speech, networks.encode_identity, networks.sample
 
 
 class Terms(NamedTuple):
@@ -207,7 +215,7 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
     Raises:
         UserError: there are more stages than the spectrogram of a window has room for.
     """
-    del vocabulary_size, num_speakers
+    del vocabulary_size
     legacy = config.model.legacy
     _check_stages(config)
     generator = Speech2Gesture(
@@ -217,6 +225,7 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
         channels=config.model.inferer.hidden_dim,
         downs=config.model.inferer.layers,
         swapped_axes=legacy,
+        identity=identity_encoder(config, num_speakers),
     )
     discriminator = PatchDiscriminator(config.model.discriminator.hidden_dim, differences=2 if legacy else 1)
     return make_spec(config, skeleton, generator, discriminator, inputs=("mel",))

@@ -9,27 +9,28 @@ from flax import linen as nn
 
 from ha2g_jax.config.settings import Config
 from ha2g_jax.layers.gru import FrameDecoder
-from ha2g_jax.layers.identity import SpeakerIdentity
+from ha2g_jax.layers.identity import ImageIdentity, SpeakerIdentity
+from ha2g_jax.layers.resnet_se import AudioEncoder
 from ha2g_jax.layers.tcn import TextEncoder
 from ha2g_jax.layers.waveform import WaveformEncoder
 from ha2g_jax.methods import networks
 from ha2g_jax.methods.adversarial import Discriminator
 from ha2g_jax.methods.ha2g.losses import huber, kld, style
 from ha2g_jax.methods.method import FLOAT32, Batch, Compute, Run, Spec, Variables, make_spec, speech_arguments
-from ha2g_jax.methods.networks import apply, speaker_table, text_encoder, waveform_encoder
+from ha2g_jax.methods.networks import apply, audio_encoder, identity_encoder, speech_features, text_encoder
 from ha2g_jax.skeleton import Skeleton
 
 
 class Trimodal(nn.Module):
     """Speech audio, its words, a speaker and M seed poses to N poses.
 
-    Every method can be the `method=` of `apply`. Poses are flat, mean-subtracted direction vectors (D1). Only
-    `encode_speech` uses "batch_stats"; it and `infer` draw from the stream "dropout" in training.
+    Every method can be the `method=` of `apply`. Poses are flat, mean-subtracted direction vectors (D1). All but
+    `infer` use "batch_stats"; it and `encode_speech` draw from the stream "dropout" in training.
     """
 
-    audio: WaveformEncoder
+    audio: WaveformEncoder | AudioEncoder
     text: TextEncoder | None  # None for a model of sound alone
-    identity: SpeakerIdentity
+    identity: SpeakerIdentity | ImageIdentity
     pose_dim: int
     hidden_dim: int = 300
     layers: int = 4
@@ -47,15 +48,12 @@ class Trimodal(nn.Module):
         return self.infer(self.encode_speech(inputs, train=train), mean, seed, train=train)
 
     def encode_speech(self, inputs: dict[str, jax.Array], *, train: bool) -> jax.Array:
-        """Maps "audio" (B, 36267) and "words" (B, N) to (B, N, 32 + 32), or "audio" alone to (B, N, 32)."""
-        audio = self.audio(inputs["audio"], train=train)
-        if self.text is None:
-            return audio
-        return jnp.concatenate([audio, self.text(inputs["words"], train=train)], axis=-1)
+        """Maps "audio" (B, 36267), or "mel", and "words" (B, N) to (B, N, features); see `networks.speech_features`."""
+        return speech_features(self.audio, self.text, inputs, train=train)
 
-    def encode_identity(self, speaker: jax.Array, *, train: bool) -> tuple[jax.Array, jax.Array]:
-        """Maps speaker indices (B,) to mean and log-variance of z, each (B, style_dim)."""
-        return self.identity(speaker, train=train)
+    def encode_identity(self, identity: jax.Array, *, train: bool) -> tuple[jax.Array, jax.Array]:
+        """Maps speaker indices (B,) or images to mean and log-variance of z, each (B, style_dim)."""
+        return self.identity(identity, train=train)
 
     def infer(self, features: jax.Array, style: jax.Array, seed: jax.Array, *, train: bool) -> tuple[jax.Array, ...]:
         """Every frame sees its seed pose or zeros, a bit that marks seeds, the speech and the style.
@@ -75,7 +73,7 @@ keys: tuple[str, ...] = ("dropout", "identity", "permutation")
 reconstruction_term = "huber"
 has_parts = False
 init_arguments = speech_arguments
-encode_speech, encode_identity, sample = networks.encode_speech, networks.encode_identity, networks.sample_with_style
+encode_speech, encode_identity, sample = networks.encode_speech, networks.encode_identity, networks.sample
 
 
 # Slopes of the decoder and of the discriminator for negative values. The release passes True, which makes them 1 and
@@ -126,10 +124,11 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
     """Build the networks of `config.model`; the discriminator is that of HA2G with more layers. See `Method.build`."""
     has_words = config.model.text.kind == "tcn"
     inferer, (slope, discriminator_slope) = config.model.inferer, _SLOPES[config.model.architecture]
+    audio = audio_encoder(config)
     generator = Trimodal(
-        audio=waveform_encoder(config),
+        audio=audio,
         text=text_encoder(config, vocabulary_size) if has_words else None,
-        identity=speaker_table(config, num_speakers, has_hidden=True),
+        identity=identity_encoder(config, num_speakers, has_hidden=True),
         pose_dim=skeleton.pose_dim,
         hidden_dim=inferer.hidden_dim,
         layers=inferer.layers,
@@ -137,7 +136,7 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
         slope=slope,
     )
     discriminator = Discriminator(**config.model.discriminator, slope=discriminator_slope)
-    return make_spec(config, skeleton, generator, discriminator, inputs=("audio", "words") if has_words else ("audio",))
+    return make_spec(config, skeleton, generator, discriminator, inputs=audio.inputs + ("words",) * has_words)
 
 
 def run(

@@ -16,6 +16,8 @@ from ha2g_jax.train.step import train_step
 
 # HA2G on each kind of data, and each method on one.
 SPECS = [*((data, "ha2g") for data in presets.DATA), *(("talk", name) for name in presets.METHODS if name != "ha2g")]
+BASELINES = ("seq2seq", "speech2gesture", "joint_embedding", "trimodal")
+STEPS = [*((*spec, {}) for spec in SPECS), *(("talk", name, presets.equal(name, "debug")) for name in BASELINES)]
 
 
 def build(config):
@@ -33,9 +35,9 @@ def test_every_preset_builds_an_objective(data, method, size):
     assert (config.name, spec.method) == (method, config.method) and spec.num_frames == 34
 
 
-@pytest.mark.parametrize(("data", "method"), SPECS)
-def test_every_debug_preset_gives_a_step(data, method):
-    config = presets.make(data, "debug", method)
+@pytest.mark.parametrize(("data", "method", "changes"), STEPS)
+def test_every_debug_preset_gives_a_step(data, method, changes):
+    config = presets.make(data, "debug", method, changes)
     if method == "ha2g" and data != "ted_expressive":  # which has all six
         config.model.inferer.levels = (3,) if data == "ted_gesture" else (6,)
     objective = build_objective(config, load_skeleton(config.skeleton), vocabulary_size=10, num_speakers=3)
@@ -96,3 +98,14 @@ def test_cells_of_the_factorial_study_have_as_many_parameters(size):
     assert len(counts) == 5
     for found in counts.values():
         assert found == pytest.approx(counts[presets.FULL], rel=0.01)
+
+
+@pytest.mark.parametrize("size", ["small", "medium"])
+def test_baselines_of_equal_size_have_as_many_parameters_that_generate(size):
+    only_trains, counts = {"ha2g": "text", "joint_embedding": "pose_encoder"}, {}
+    for method in ("ha2g", *BASELINES):
+        config = presets.make("talk", size, method, {} if method == "ha2g" else presets.equal(method, size))
+        params = methods.variable_shapes(build(config))["params"]
+        parts = {part: tree for part, tree in params.items() if part != only_trains.get(method)}
+        counts[method] = sum(leaf.size for leaf in jax.tree.leaves(parts))
+    assert all(count == pytest.approx(counts["ha2g"], rel=0.01) for count in counts.values())

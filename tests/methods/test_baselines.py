@@ -9,11 +9,12 @@ import numpy as np
 import optax
 import pytest
 
+from ha2g_jax.config import presets
 from ha2g_jax.errors import UserError
 from ha2g_jax.layers.identity import SpeakerIdentity
 from ha2g_jax.layers.tcn import TextEncoder
 from ha2g_jax.layers.waveform import WaveformEncoder
-from ha2g_jax.methods import method_of
+from ha2g_jax.methods import generating_method_of, method_of
 from ha2g_jax.methods.adversarial import Discriminator
 from ha2g_jax.methods.autoencoder import PoseAutoencoder
 from ha2g_jax.methods.joint_embedding import JointEmbedding
@@ -158,6 +159,28 @@ def test_one_batch_is_learnt_by_heart(method, make_objective, make_motion_batch,
 def test_an_identity_that_a_method_does_not_have_is_refused(make_objective):
     with pytest.raises(UserError, match=r"identity\.kind is 'speakers', expected one of none"):
         make_objective("seq2seq", model__identity__kind="speakers")
+
+
+@pytest.mark.parametrize("method", SMALL)
+def test_with_the_inputs_of_ha2g_sound_and_images_each_change_the_poses(method, make_objective, make_batch, draw_state):
+    objective = make_objective(method, **presets.equal(method, "debug"))
+    spec, variables = objective.spec, draw_state(objective).generator.variables
+    assert (spec.inputs, spec.identity, spec.style_dim) == (("mel",), "images", 18)
+
+    @jax.jit
+    def generate(mel, images):
+        functions = generating_method_of(spec)
+        features = functions.encode_speech(spec, variables, {"mel": mel})
+        style = functions.encode_identity(spec, variables, images)
+        seed, noise = jnp.zeros((3, 4, 27)), jnp.zeros((3, 34, spec.noise_dim))
+        return functions.sample(spec, variables, features, style, seed, noise)
+
+    one, other = (make_batch(objective, 1, seed) for seed in (0, 1))
+    mel, images = (np.concatenate([one[name]] * 3) for name in ("mel", "images"))
+    mel[1], images[2] = other["mel"][0], other["images"][0]
+    own, of_sound, of_images = generate(mel, images)
+    assert own.shape == (34, 27)
+    assert min(np.abs(changed - own).max() for changed in (of_sound, of_images)) > 1e-5 * np.abs(own).max()  # rounding
 
 
 WORDS, SPEAKERS = 9, 3

@@ -97,7 +97,7 @@ def small():
 def test_style_is_the_noise_of_the_latent(oracles):
     model = small()
     speech = {"audio": jnp.zeros((3, 36_267)), "words": jnp.zeros((3, FRAMES), jnp.int32)}
-    seed = jnp.zeros((3, SEEDS, 6))
+    style, seed = jnp.zeros((3, 0)), jnp.zeros((3, SEEDS, 6))
     shapes = jax.eval_shape(lambda key: model.init(key, speech, None, seed, train=False), jax.random.key(0))
     rng = np.random.default_rng(0)  # compiling the initialisation takes long
     variables = {
@@ -107,10 +107,12 @@ def test_style_is_the_noise_of_the_latent(oracles):
     mean, log_variance, noise, other_noise = rng.normal(size=(4, 3, 32)).astype(np.float32)
     infer = jax.jit(
         lambda noise: model.apply(
-            variables, (mean, log_variance), noise, seed, train=False, method=JointEmbedding.infer
+            variables, (mean, log_variance), noise, style, seed, train=False, method=JointEmbedding.infer
         )
     )
-    decode = jax.jit(lambda latent: model.apply(variables, latent, seed, train=False, method=JointEmbedding.decode))
+    decode = jax.jit(
+        lambda latent: model.apply(variables, latent, style, seed, train=False, method=JointEmbedding.decode)
+    )
     (poses,) = infer(noise)
     oracles.assert_close(poses, decode(mean + np.exp(0.5 * log_variance) * noise))
     assert not np.allclose(poses, infer(other_noise)[0])
@@ -168,4 +170,4 @@ def test_decoder_equals_pytorch(oracles):
         "batch_stats": {"seed_encoder": {"norm": oracles.statistics(norm)}},
     }
     run = jax.jit(lambda *args: small().apply(variables, *args, train=False, method=JointEmbedding.decode))
-    oracles.assert_close(run(oracles.value(latent), oracles.value(seed)), oracles.value(out))
+    oracles.assert_close(run(oracles.value(latent), jnp.zeros((3, 0)), oracles.value(seed)), oracles.value(out))

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from ha2g_jax.errors import UserError
 from ha2g_jax.methods.seq2seq import PoseDecoder, Seq2Seq, continuity, mse, variance
 
 
@@ -27,6 +28,12 @@ def test_variance_of_a_value_at_its_mean_has_a_gradient():
 
 def test_the_word_table_has_rows_for_the_marks_of_start_and_end(make_objective):
     assert make_objective("seq2seq").spec.generator.num_words == 11 + 2
+
+
+@pytest.mark.parametrize(("text", "audio"), [("tcn", "resnet_se"), ("none", "none")])
+def test_a_sentence_is_either_of_words_or_of_sound(text, audio, make_objective):
+    with pytest.raises(UserError, match="to hear the sound in place of the words"):
+        make_objective("seq2seq", model__text__kind=text, model__audio__kind=audio)
 
 
 NUM_WORDS, POSE_DIM, NUM_FRAMES, HIDDEN_DIM = 9, 3, 12, 4

@@ -10,22 +10,21 @@ import jax.numpy as jnp
 from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.spectrum import NUM_ASR_MELS
-from ha2g_jax.layers.identity import ImageIdentity, SpeakerIdentity
-from ha2g_jax.layers.resnet_se import AudioEncoder, Features
+from ha2g_jax.layers.resnet_se import Features
 from ha2g_jax.layers.whisper import AsrAudioEncoder, WhisperEncoder
 from ha2g_jax.methods import networks
 from ha2g_jax.methods.adversarial import Discriminator
 from ha2g_jax.methods.ha2g import losses
 from ha2g_jax.methods.ha2g.model import HA2G
 from ha2g_jax.methods.method import FLOAT32, Batch, Compute, Run, Spec, Variables, make_spec, restore, speech_arguments
-from ha2g_jax.methods.networks import apply, speaker_table, text_encoder
+from ha2g_jax.methods.networks import apply, identity_encoder, resnet_se, text_encoder
 from ha2g_jax.skeleton import Skeleton, joint_angles
 
 keys: tuple[str, ...] = ("dropout", "identity", "permutation")
 reconstruction_term = "huber"
 has_parts = True
 init_arguments = speech_arguments
-encode_speech, encode_identity, sample = networks.encode_speech, networks.encode_identity, networks.sample_with_style
+encode_speech, encode_identity, sample = networks.encode_speech, networks.encode_identity, networks.sample
 
 
 class Terms(NamedTuple):
@@ -93,7 +92,7 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
     generator = HA2G(
         audio=encoder,
         text=text_encoder(config, vocabulary_size),
-        identity=_identity_encoder(config, num_speakers),
+        identity=identity_encoder(config, num_speakers),
         level_channels=_level_channels(inferer.levels, skeleton),
         audio_levels=tuple(name for name in losses.AUDIO_LEVELS if name in audio.levels),
         is_tied=inferer.coordinator == "tied",
@@ -111,20 +110,6 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
     return make_spec(config, skeleton, generator, discriminator, inputs=needed, training_inputs=inputs)
 
 
-def resnet_se(config: Config, *, reads_decibels: bool = False) -> AudioEncoder:
-    """Return E_a."""
-    audio, data = config.model.audio, config.data
-    settings: dict[str, Any] = {name: tuple(value) for name, value in audio.resnet_se.items()}
-    return AudioEncoder(
-        **settings,
-        feature_dim=audio.feature_dim,
-        num_frames=data.num_frames,
-        fps=data.fps,
-        is_recomputed=config.model.recompute,
-        reads_decibels=reads_decibels,
-    )
-
-
 def _whisper(config: Config) -> AsrAudioEncoder:
     audio, data = config.model.audio, config.data
     if audio.whisper.num_mels != NUM_ASR_MELS:
@@ -137,18 +122,6 @@ def _whisper(config: Config) -> AsrAudioEncoder:
         feature_dim=audio.feature_dim,
         num_frames=data.num_frames,
         fps=data.fps,
-    )
-
-
-def _identity_encoder(config: Config, num_speakers: int) -> ImageIdentity | SpeakerIdentity:
-    identity = config.model.identity
-    if identity.kind == "speakers":
-        return speaker_table(config, num_speakers)
-    return ImageIdentity(
-        blocks=tuple(identity.images.blocks),
-        width=identity.images.width,
-        feature_dim=identity.feature_dim,
-        is_recomputed=config.model.recompute,
     )
 
 

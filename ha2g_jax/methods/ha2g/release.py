@@ -23,7 +23,7 @@ from ha2g_jax.layers.tcn import TextEncoder
 from ha2g_jax.methods.adversarial import Discriminator
 from ha2g_jax.methods.ha2g import method as paper
 from ha2g_jax.methods.method import FLOAT32, Batch, Compute, Run, Spec, Variables, make_spec
-from ha2g_jax.methods.networks import speaker_table, text_encoder
+from ha2g_jax.methods.networks import resnet_se, speaker_table, text_encoder
 from ha2g_jax.skeleton import Skeleton
 
 _HEAD_BONES = 5  # the last ones of every level of TED-Expressive
@@ -218,7 +218,7 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
             )
     inferer = config.model.inferer
     generator = ReleaseHA2G(
-        audio=paper.resnet_se(config, reads_decibels=True),
+        audio=resnet_se(config, reads_decibels=True),
         text=text_encoder(config, vocabulary_size),
         identity=speaker_table(config, num_speakers, has_hidden=True),
         level_channels=skeleton.level_channels,

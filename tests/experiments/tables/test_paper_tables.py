@@ -1,9 +1,10 @@
 """The published numbers are those of the paper, and every row is a config that can be made."""
 
 import pytest
-from tables.paper_tables import TABLES, Published, table
+from tables.paper_tables import EQUAL, TABLES, Published, table
 
 from ha2g_jax.config import presets
+from ha2g_jax.errors import UserError
 
 
 def _row(found, name):
@@ -26,15 +27,24 @@ def test_published_values(name, data, row, numbers):
     assert _row(table(name, data), row).published == numbers
 
 
-@pytest.mark.parametrize(("name", "count"), list(zip(TABLES, (5, 8, 6, 3, 1, 5, 5), strict=True)))
+@pytest.mark.parametrize(("name", "count"), list(zip(TABLES, (5, 5, 8, 6, 3, 1, 5, 5), strict=True)))
 def test_rows_are_whole_and_can_be_made(name, count):
-    data = "ted_gesture" if name == "gesture_ablation" else "ted_expressive"
-    found = table(name, data)
+    data = {"gesture_ablation": "ted_gesture", EQUAL: "talk"}.get(name, "ted_expressive")
+    found = table(name, data, "debug")
     assert len(found.rows) == len({row.name for row in found.rows}) == count
     assert found.reference in {row.name for row in found.rows}
     for row in found.rows:
         config = presets.make(data, "debug", row.method, row.changes)
         assert config.method == row.method
+
+
+def test_rows_of_equal_inputs_say_that_they_are_not_the_paper_s():
+    *others, last = table(EQUAL, "talk", "small").rows
+    assert (last.name, last.changes) == ("HA2G", {})
+    assert all(row.name.endswith(", equal inputs and size") and row.published == Published() for row in others)
+    for data, size, expected in [("video", "small", "give --data talk"), ("talk", "study", "medium, small, debug")]:
+        with pytest.raises(UserError, match=expected):
+            table(EQUAL, data, size)
 
 
 def test_the_full_model_is_one_config_in_all_tables():
