@@ -175,7 +175,7 @@ def table(name: str, data: str, size: str = "paper") -> Table:
 
 def _equal(data: str, size: str) -> Table:
     if data != "talk":
-        raise UserError(f"{EQUAL} needs images and known causes, which {data} has not; give --data talk")
+        raise UserError(f"{EQUAL} is for data with images and known causes, not for {data}; give --data talk")
     whole = table("table1", data)
     rows = tuple(
         Row(f"{name}, equal inputs and size", method, presets.equal(method, size), Published())
