@@ -123,7 +123,10 @@ def plan_table(request: Request) -> TablePlan:
         UserError: there is no such table, setting or corpus, or the table does not fit the data.
     """
     is_factorial = request.table == factorial.TABLE
-    table = factorial.table(request.size) if is_factorial else paper_tables.table(*request[:3])
+    if is_factorial:
+        table = factorial.table(request.size)
+    else:
+        table = paper_tables.table(request.table, request.data, request.size)
     plan = plan_rows(request, {row.name: (row.method, row.changes) for row in table.rows})
     if is_factorial:
         plan.rows[factorial.ORACLE] = plan.rows[factorial.ORACLE][:1]  # the gate is that of the first block
