@@ -65,7 +65,8 @@ def nearest_windows(library: Library, corpus: Corpus, split: str) -> dict[str, l
     found = {}
     for index in track(range(len(clips)), "finding the nearest sound", "clip"):
         mel, frames = _mel(clips, index)
-        starts = (length - SEED_FRAMES) * np.arange(num_windows(frames, length, SEED_FRAMES))
+        hop = length - SEED_FRAMES
+        starts = hop * np.arange(num_windows(frames, length, hop))
         sounds = np.array([_sound(mel, start, length, corpus.fps) for start in starts.tolist()])
         rows = np.argmax(sounds @ library.sounds.T, axis=1)
         windows = zip(library.clips[rows].tolist(), library.starts[rows].tolist(), strict=True)
@@ -74,7 +75,7 @@ def nearest_windows(library: Library, corpus: Corpus, split: str) -> dict[str, l
 
 
 def join_motion(corpus: Corpus, split: str, nearest: Mapping[str, Sequence[Sequence[int]]]) -> list[ClipResult]:
-    """Return the motion of training windows as that of the clips of a split, joined as the windows of a model are.
+    """Return the motion of training windows as that of the clips of a split, joined where they end.
 
     `nearest` is the return value of `nearest_windows`.
     """
@@ -87,7 +88,7 @@ def join_motion(corpus: Corpus, split: str, nearest: Mapping[str, Sequence[Seque
         name, frames = fields["id"], len(fields["positions"])
         positions = [training.fields(clip)["positions"][start : start + length] for clip, start in nearest[name]]
         windows = np.asarray(positions_to_directions(corpus.skeleton, np.array(positions)), np.float32)
-        directions = join_windows(windows, SEED_FRAMES)[:frames]
+        directions = join_windows(windows, SEED_FRAMES, hop)[:frames]
         borders = tuple(range(hop, frames - SEED_FRAMES, hop))
         found.append(ClipResult(name, fields["recording"] or name, directions, corpus.fps, borders=borders))
     return found

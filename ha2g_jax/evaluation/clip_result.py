@@ -14,6 +14,7 @@ from ha2g_jax.data.windows import resize_images
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.metrics.beats.times import audio_onsets
+from ha2g_jax.motion.windows import window_stride
 from ha2g_jax.progress import track
 from ha2g_jax.skeleton import positions_to_directions
 
@@ -119,7 +120,7 @@ def generated(
     """
     check_fit(model, corpus)
     seed_frames = model.spec.num_seed_frames
-    stride = model.spec.num_frames - seed_frames
+    stride = window_stride(model.spec.num_frames, seed_frames)
 
     def read(clips: Clips, index: int) -> ClipResult:
         clip = clips[index]
@@ -127,8 +128,8 @@ def generated(
         start = _directions(corpus, clip.positions[:seed_frames])
         start = np.pad(start, ((0, seed_frames - len(start)), (0, 0), (0, 0)), "edge")
         directions = generate_clip(model, clip, style, seed + index, start=start, look_ahead=look_ahead)
-        borders = tuple(range(stride, len(directions) - seed_frames, stride)) if look_ahead is None else ()
-        return ClipResult(clip.id, clip.recording or clip.id, directions, corpus.fps, borders=borders)
+        borders = range(stride + seed_frames, len(directions) - seed_frames, stride) if look_ahead is None else ()
+        return ClipResult(clip.id, clip.recording or clip.id, directions, corpus.fps, borders=tuple(borders))
 
     return _each_clip(corpus, split, seed, limit, "generating", read)
 

@@ -21,7 +21,7 @@ from ha2g_jax.motion import cues as gestures
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.resample import num_frames, resample, sample, slerp
 from ha2g_jax.motion.smoothing import check_width, smooth
-from ha2g_jax.motion.windows import ease_borders, join_windows
+from ha2g_jax.motion.windows import ease_start, join_windows, window_stride
 from ha2g_jax.skeleton import Skeleton
 from ha2g_jax.synthesis.style import RANDOM, Style
 
@@ -245,8 +245,8 @@ class Generator(abc.ABC, Generic[S]):
         if seed_pose is not None:
             start, start_name = read_seed_pose(seed_pose, skeleton, self.fps, overlap)
         directions = join(self, audio.samples, f_id, seed, words, start)
-        directions = directions if start is None else start_from(directions, start)
-        directions = ease_borders(directions, self.spec.num_frames, overlap, from_start=start is not None)
+        if start is not None:
+            directions = ease_start(start_from(directions, start), self.spec.num_frames, overlap)
         frames = num_frames(audio.duration, fps)
         directions = directions[:frames] if fps == self.fps else resample(directions, self.fps, fps, frames)
         directions = control.apply(skeleton, smooth(directions, fps, smoothing), fps, controls)
@@ -312,7 +312,8 @@ def join(
     windows = generator.sample_windows(audio, words, f_id, pose, seed)
     if not np.isfinite(windows).all():
         raise UserError(f"model {generator.assets.hash} generated values that are not finite; train or export it again")
-    return join_windows(windows, generator.spec.num_seed_frames)
+    overlap = generator.spec.num_seed_frames
+    return join_windows(windows, overlap, window_stride(generator.spec.num_frames, overlap))
 
 
 def _check_fps(fps: float) -> float:

@@ -20,7 +20,7 @@ from ha2g_jax.methods import METHODS
 from ha2g_jax.methods.method import Spec, Variables
 from ha2g_jax.motion import control
 from ha2g_jax.motion.resample import num_frames
-from ha2g_jax.motion.windows import DEFAULT_HOP, DEFAULT_LOOK_AHEAD, num_windows
+from ha2g_jax.motion.windows import DEFAULT_HOP, DEFAULT_LOOK_AHEAD, num_windows, window_stride
 from ha2g_jax.synthesis.generator import Generator, join
 from ha2g_jax.synthesis.scan import encode_chunks, encode_windows, sample_windows
 from ha2g_jax.synthesis.stream import Stream
@@ -81,7 +81,7 @@ class Model(Generator[Spec]):
         Args:
             look_ahead: frames of speech that are heard beyond the last new frame, 0 to N. More of them give gestures
                 that fit the speech better, and later.
-            hop: frames that are generated in one run, 1 to N - 2 M, or N - M. A greater hop needs less computation.
+            hop: frames that are generated in one run, 1 to N - 2 M. A greater hop needs less computation.
             style: requested style; by default a random one with `seed`, see `style.choose_style`.
             seed: seed of all random choices.
             controls: energy, extent, handedness and mirror.
@@ -150,8 +150,9 @@ def encode_features(model: Model, audio: np.ndarray) -> Features:
     The model has three audio levels, and the clip (samples,) float32 mono samples at 16 kHz. Where two windows overlap,
     each frame is taken from the window whose border is farther away.
     """
-    overlap = model.spec.num_seed_frames
-    keep = slice(overlap // 2, overlap // 2 + model.spec.num_frames - overlap)
+    stride = window_stride(model.spec.num_frames, model.spec.num_seed_frames)
+    start = (model.spec.num_frames - stride) // 2
+    keep = slice(start, start + stride)
 
     def join(windows: np.ndarray) -> np.ndarray:
         middle = windows[:, keep].reshape(-1, windows.shape[-1])
@@ -168,5 +169,6 @@ def _num_frames(model: Model, audio: np.ndarray) -> int:
 
 def _windows(model: Model, audio: np.ndarray, words: Sequence[Word]) -> tuple[Speech, int]:
     """Return the prepared speech of a clip and the number of windows that cover it."""
-    count = num_windows(_num_frames(model, audio), model.spec.num_frames, model.spec.num_seed_frames)
+    stride = window_stride(model.spec.num_frames, model.spec.num_seed_frames)
+    count = num_windows(_num_frames(model, audio), model.spec.num_frames, stride)
     return prepare(audio, words, model.spec.inputs), count

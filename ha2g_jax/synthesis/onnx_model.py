@@ -28,7 +28,7 @@ from ha2g_jax.files.writing import whole_file
 from ha2g_jax.limits import MAX_ASSETS_BYTES
 from ha2g_jax.motion.cues import describe_catalogue
 from ha2g_jax.motion.resample import num_frames
-from ha2g_jax.motion.windows import num_windows
+from ha2g_jax.motion.windows import num_windows, window_stride
 from ha2g_jax.progress import progress_bar
 from ha2g_jax.synthesis.generator import Generator
 from ha2g_jax.synthesis.style import RANDOM, Style, choose_style
@@ -82,11 +82,12 @@ class OnnxModel(Generator[Description]):
         """
         del words
         spec, overlap = self.spec, self.spec.num_seed_frames
-        count = num_windows(num_frames(len(audio) / SAMPLE_RATE, self.fps), spec.num_frames, overlap)
+        stride = window_stride(spec.num_frames, overlap)
+        count = num_windows(num_frames(len(audio) / SAMPLE_RATE, self.fps), spec.num_frames, stride)
         speech = prepare(audio, (), ("mel",))
 
         def encode(index: int) -> list[np.ndarray]:
-            first = index * (spec.num_frames - overlap)
+            first = index * stride
             inputs = window(speech, ("mel",), self.assets.vocabulary, first, spec.num_frames, self.fps)
             return self._run(self.encoder, FEATURES, {"mel": inputs["mel"][None]})
 
@@ -98,11 +99,11 @@ class OnnxModel(Generator[Description]):
                 for index, found in enumerate(ahead.map(encode, range(count))):
                     inputs |= {"seed_pose": seed_pose, **dict(zip(FEATURES, found, strict=True))}
                     if spec.noise_dim:
-                        frames = index * (spec.num_frames - overlap) + np.arange(spec.num_frames)
+                        frames = index * stride + np.arange(spec.num_frames)
                         inputs["noise"] = track(seed, frames, self.fps, spec.noise_dim)[None]
                     (sampled,) = self._run(self.sampler, [OUTPUT], inputs)
                     poses.append(sampled[0])
-                    seed_pose = sampled[:, -overlap:]
+                    seed_pose = sampled[:, stride : stride + overlap]
                     bar.update()
         finally:
             ahead.shutdown(cancel_futures=True)

@@ -1,9 +1,10 @@
 """The compiled part of generation: the speech of each window is encoded, and a scan over the windows samples poses.
 
-Time is cut into windows of N frames, each of which starts M frames before the one before ends; the last M frames of a
-window are the seed pose of the next. Both parts take a chunk of a fixed number of windows at a time, so that two
-programs serve speech of any length. A thread of its own encodes the next chunks while one is sampled, because neither
-part keeps all cores at work: XLA computes convolutions with few channels, and products with a single row, on one core.
+Time is cut into windows of N frames, each of which starts `motion.windows.window_stride` frames after the one before
+and has its M frames from there on as its seed pose. Both parts take a chunk of a fixed number of windows at a time, so
+that two programs serve speech of any length. A thread of its own encodes the next chunks while one is sampled, because
+neither part keeps all cores at work: XLA computes convolutions with few channels, and products with a single row, on
+one core.
 """
 
 import concurrent.futures
@@ -21,6 +22,7 @@ from ha2g_jax.features.noise import track
 from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.methods import generating_method_of
 from ha2g_jax.methods.method import Batch, Spec, Variables, restore, subtract_mean
+from ha2g_jax.motion.windows import window_stride
 from ha2g_jax.progress import progress_bar
 
 # Windows of a chunk. The last chunk is padded with silence, so that larger numbers cost time for short speech; for long
@@ -46,7 +48,7 @@ def encode_chunks(
     Yields:
         Features of each chunk in order, with a leading axis of its windows, the last of which may be beyond `count`.
     """
-    stride = spec.num_frames - spec.num_seed_frames
+    stride = window_stride(spec.num_frames, spec.num_seed_frames)
 
     def encode(start: int) -> Any:
         windows = [
@@ -75,13 +77,13 @@ def sample_windows(
     seed: int,
     count: int,
 ) -> np.ndarray:
-    """Sample the poses (K, N, bones, 3) of K = `count` windows, unit vectors, each from the last poses before it.
+    """Sample the poses (K, N, bones, 3) of K = `count` windows, unit vectors, each from poses of the one before.
 
     Their features are the chunks of `encode_chunks`, which is closed at the end. All have the style (style_dim,), and
     `start` (M, bones, 3) is the seed pose of the first. A frame has the same noise in a clip of any length.
     """
     style, pose = np.asarray(style, np.float32), np.asarray(start, np.float32)
-    stride = spec.num_frames - spec.num_seed_frames
+    stride = window_stride(spec.num_frames, spec.num_seed_frames)
     parts = []
     with contextlib.closing(chunks):  # Ctrl-C does not wait for the chunks that are left
         for first, features in zip(itertools.count(step=_CHUNK), chunks):
@@ -112,15 +114,16 @@ def _sample(
 ) -> tuple[jax.Array, jax.Array]:
     """Sample K consecutive windows of a clip, whose features and noise have a leading axis (K, ...).
 
-    `start` (M, bones, 3) are the last poses before them. Return the last M poses, and the poses of the windows
+    `start` (M, bones, 3) is the seed pose of the first. Return that of the next, and the poses of the windows
     (K, N, bones, 3).
     """
+    stride = window_stride(spec.num_frames, spec.num_seed_frames)
 
     def window(seed: jax.Array, inputs: Any) -> tuple[jax.Array, jax.Array]:
         features, noise = inputs
         features = jax.tree.map(lambda x: x[None], features)
         directions = _poses(spec, variables, features, style, seed, noise)
-        return directions[-spec.num_seed_frames :], directions
+        return directions[stride : stride + spec.num_seed_frames], directions
 
     return jax.lax.scan(window, start, (features, noise))
 

@@ -88,8 +88,9 @@ class Stream:
     Where the agent does not speak, the body does what `state` says, and listens to the other whose samples `feed` gets.
     In frames of speech nothing is added.
 
-    With a hop of N - M and a look-ahead of N, the windows are those of `Model.generate`, and so are the frames, if
-    `reference` is the maximum of the clip and the speech has no long pauses.
+    With a hop of `window_stride` and a look-ahead of N, the frames of a model without noise are those of
+    `Model.generate` for speech that begins M frames later, if `reference` is the maximum of the clip and the speech has
+    no long pauses.
 
     Attributes:
         spec: networks and sizes of the model.
@@ -487,7 +488,7 @@ def _check(spec: Spec, look_ahead: Any, hop: Any, reference: float | None) -> No
     if not (isinstance(look_ahead, int) and 0 <= look_ahead <= window):
         raise UserError(f"the look-ahead is {look_ahead}; expected 0 to {window} frames, the window of the model")
     longest = window - 2 * overlap
-    if not (isinstance(hop, int) and (1 <= hop <= longest or hop == window - overlap)):
-        raise UserError(f"the hop is {hop}; expected 1 to {longest} frames, or {window - overlap}")
+    if not (isinstance(hop, int) and 1 <= hop <= longest):
+        raise UserError(f"the hop is {hop}; expected 1 to {longest} frames")
     if reference is not None and not 0 <= reference < np.inf:
         raise UserError(f"the mel power of 0 dB is {reference}; expected a number of at least 0")

@@ -32,7 +32,7 @@ def test_each_clip_is_generated_beside_the_truth(results, corpus):
         np.testing.assert_array_equal(truth.audio, clip.audio)
         assert truth.onsets is not None and len(truth.onsets)
         assert abs(mine.num_frames - truth.num_frames) <= 1
-        assert mine.borders == tuple(range(30, mine.num_frames - 4, 30))
+        assert mine.borders == tuple(range(24, mine.num_frames - 4, 20))
         assert mine.onsets is None and mine.audio is None
 
 

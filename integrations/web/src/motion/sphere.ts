@@ -37,48 +37,9 @@ export function slerp(first: Vectors, second: Vectors, fraction: number): Float6
   return mixed;
 }
 
-/**
- * Computes the tangent vectors at unit vectors that lead to other unit vectors along great circles.
- *
- * @param base - (n, 3) unit vectors.
- * @param vectors - (n, 3) unit vectors.
- * @returns (n, 3) tangent vectors, whose lengths are the angles in radians; 0 between opposite vectors.
- */
-export function logMap(base: Vectors, vectors: Vectors): Float64Array {
-  const tangents = new Float64Array(base.length);
-  for (let at = 0; at < base.length; at += 3) {
-    const angle = angleBetween(vectors, base, at);
-    if (angle >= MAX_ANGLE) continue;
-    const along = base[at] * vectors[at] + base[at + 1] * vectors[at + 1] + base[at + 2] * vectors[at + 2];
-    for (let k = at; k < at + 3; k++) tangents[k] = (vectors[k] - along * base[k]) / sinc(angle);
-  }
-  return tangents;
-}
-
-/**
- * Computes the unit vectors that tangent vectors lead to along great circles, the inverse of `logMap`.
- *
- * @param base - (n, 3) unit vectors.
- * @param tangents - (n, 3) tangent vectors at `base`, whose lengths are angles in radians.
- * @returns (n, 3) unit vectors.
- */
-export function expMap(base: Vectors, tangents: Vectors): Float64Array {
-  const vectors = new Float64Array(base.length);
-  for (let at = 0; at < base.length; at += 3) {
-    const angle = Math.hypot(tangents[at], tangents[at + 1], tangents[at + 2]);
-    for (let k = at; k < at + 3; k++) vectors[k] = Math.cos(angle) * base[k] + sinc(angle) * tangents[k];
-  }
-  return vectors;
-}
-
 /** Returns the angle in radians between the vectors at a place of two arrays. */
 function angleBetween(first: Vectors, second: Vectors, at: number): number {
   const [x, y, z] = [first[at], first[at + 1], first[at + 2]];
   const [u, v, w] = [second[at], second[at + 1], second[at + 2]];
   return 2 * Math.atan2(Math.hypot(x - u, y - v, z - w), Math.hypot(x + u, y + v, z + w));
-}
-
-/** Returns sin(x) / x. */
-function sinc(x: number): number {
-  return x ? Math.sin(x) / x : 1;
 }

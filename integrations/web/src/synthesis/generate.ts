@@ -8,7 +8,7 @@ import { VERSION } from "../version.js";
 import { checkNames, type Generated, type Generation } from "./options.js";
 import type { Sampler } from "./sampler.js";
 import { chooseStyle, chooseTake } from "./style.js";
-import { easeBorders, joinWindows, numWindows } from "./windows.js";
+import { joinWindows, numWindows, windowStride } from "./windows.js";
 
 /**
  * Generates gestures for speech; the same arguments give the same motion.
@@ -37,8 +37,8 @@ export async function generate(
   const duration = samples.length / SAMPLE_RATE;
   const frames = Math.max(1, round(duration * fps));
   const mel = logMel(samples);
-  const count = numWindows(frames, num_frames, num_seed_frames);
-  const stride = num_frames - num_seed_frames;
+  const stride = windowStride(num_frames, num_seed_frames);
+  const count = numWindows(frames, num_frames, stride);
   const windows: Float32Array[] = [];
   let seedPose: Float32Array = Float32Array.from(seed_poses[chooseTake(description, seed).seed_pose].flat(2));
   for (let index = 0; index < count; index++) {
@@ -46,10 +46,10 @@ export async function generate(
     const heard = melWindow(mel, first, audio.columns, fps);
     const window = await sampler.run(heard, style.values, seedPose, seed, first);
     windows.push(window);
-    seedPose = window.slice(-num_seed_frames * size);
+    seedPose = window.slice(stride * size, (stride + num_seed_frames) * size);
     await onwindow((index + 1) / count);
   }
-  const joined = easeBorders(joinWindows(windows, num_seed_frames, size), num_frames, num_seed_frames, size);
+  const joined = joinWindows(windows, num_seed_frames, stride, size);
   const directions = applyEnergy(skeleton, joined.slice(0, frames * size), fps, energy);
   const meta = {
     version: `ha2g-web ${VERSION}`,

@@ -370,8 +370,8 @@ function check(window: number, overlap: number, lookAhead: number, hop: number, 
     throw new Error(`the look-ahead is ${lookAhead}; expected 0 to ${window} frames, the window of the model`);
   }
   const longest = window - 2 * overlap;
-  if (!(Number.isInteger(hop) && ((hop >= 1 && hop <= longest) || hop === window - overlap))) {
-    throw new Error(`the hop is ${hop}; expected 1 to ${longest} frames, or ${window - overlap}`);
+  if (!(Number.isInteger(hop) && hop >= 1 && hop <= longest)) {
+    throw new Error(`the hop is ${hop}; expected 1 to ${longest} frames`);
   }
   if (reference !== undefined && !(reference >= 0 && reference < Infinity)) {
     throw new Error(`the mel power of 0 dB is ${reference}; expected a number from 0 on`);
