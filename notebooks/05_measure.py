@@ -88,7 +88,7 @@ plt.show()
 # - *white jitter* (red) is the mean pose and noise as large as true differences of frames. **It has a higher BC than
 #   the true motion**, although it knows nothing of the speech. The other three scores expose it: its beat gain, which
 #   compares with mismatched speech, is 0 within its interval, it has twice as many motion beats per second as the
-#   true motion, and about five times its jerk.
+#   true motion, and about nine times its jerk.
 #
 # The demo has a higher BC than the true motion for the same reason: it stops too often. Smoothing brings its beats
 # and its BC near those of the true motion, and its jerk too far down; its beat gain is not shown to change. So BC is
