@@ -16,7 +16,6 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Word, words_to_frames
 from ha2g_jax.methods.ha2g.model import HA2G
 from ha2g_jax.methods.method import Spec, Variables, restore, subtract_mean
-from ha2g_jax.motion.windows import window_stride
 from ha2g_jax.synthesis import Model, encode_features
 from ha2g_jax.synthesis.scan import encode_windows, noise_of
 
@@ -75,7 +74,7 @@ def stage_poses(
 
     Args:
         seed_pose: (M, bones, 3) unit vectors, the poses before the window.
-        window: number of the window, which begins at frame `window` x `window_stride`.
+        window: number of the window, which begins at frame `window` x `Spec.window_stride`.
         seed: seed of the noise of a model that samples.
 
     Returns:
@@ -88,7 +87,7 @@ def stage_poses(
     speech = prepare(np.asarray(audio, np.float32), (), spec.inputs)
     features = encode_windows(spec, model.variables, speech, model.assets.vocabulary, window + 1)
     own = jax.tree.map(lambda windows: windows[window:][:1], features)
-    noise = noise_of(spec, seed, np.asarray(window * window_stride(spec.num_frames, spec.num_seed_frames)))
+    noise = noise_of(spec, seed, np.asarray(window * spec.window_stride))
     style, seed_pose = np.asarray(style, np.float32), np.asarray(seed_pose, np.float32)
     poses = _infer(spec, model.variables, own, style, seed_pose, noise)
     stages = np.zeros((len(poses), spec.num_frames, spec.skeleton.pose_dim), np.float32)

@@ -6,7 +6,6 @@ import pytest
 
 from ha2g_jax import synthesis
 from ha2g_jax.features.text import Word
-from ha2g_jax.motion.windows import window_stride
 
 WORDS = (Word("one", 0.3, 0.6), Word("two", 1.2, 1.5), Word("three", 2.6, 2.9))
 
@@ -22,7 +21,7 @@ def test_last_stage_is_the_generated_window(kind, speech, request):
     spec, style = model.spec, model.assets.speakers["ada"]
     seed_pose = model.assets.seed_poses[0]
     windows = model.sample_windows(speech, (), style, seed_pose, 3)
-    first = window_stride(spec.num_frames, spec.num_seed_frames)
+    first = spec.window_stride
     for window, start in enumerate([seed_pose, windows[0, first : first + spec.num_seed_frames]]):
         stages = inspection.stage_poses(model, speech, style, start, window=window, seed=3)
         assert stages.shape == (6, spec.num_frames, 42, 3)

@@ -14,7 +14,6 @@ from ha2g_jax.data.windows import resize_images
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.metrics.beats.times import audio_onsets
-from ha2g_jax.motion.windows import window_stride
 from ha2g_jax.progress import track
 from ha2g_jax.skeleton import positions_to_directions
 
@@ -119,8 +118,7 @@ def generated(
             a stream.
     """
     check_fit(model, corpus)
-    seed_frames = model.spec.num_seed_frames
-    stride = window_stride(model.spec.num_frames, seed_frames)
+    seed_frames, stride = model.spec.num_seed_frames, model.spec.window_stride
 
     def read(clips: Clips, index: int) -> ClipResult:
         clip = clips[index]

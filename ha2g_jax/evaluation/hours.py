@@ -8,7 +8,6 @@ from ha2g_jax.config import presets
 from ha2g_jax.config.settings import Config
 from ha2g_jax.data.corpus import Corpus, corpus_folder
 from ha2g_jax.evaluation.charts import markdown
-from ha2g_jax.motion.windows import window_stride
 from ha2g_jax.progress import stage
 from ha2g_jax.train import inputs
 from ha2g_jax.train.measure import TimedStep
@@ -54,7 +53,7 @@ def predict(config: Config, steps: int) -> tuple[RunTime, float]:
     compiling, batch = step.validate() if size else (0.0, 0.0)
     passes = -(-config.train.steps // config.train.validate_every)
     validating = passes * (windows // size if size else 0) * batch
-    stride = window_stride(config.data.num_frames, config.data.num_seed_frames)
+    stride = step.objective.spec.window_stride
     generating = 3600 * config.data.fps / stride * (batch / size if size else seconds / config.train.batch_size)
     scoring = 0.0 if config.method == AUTOENCODER else test * (generating + _SCORING)
     training, compiling = config.train.steps * seconds, step.compile_seconds + compiling

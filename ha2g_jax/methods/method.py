@@ -16,6 +16,7 @@ from ha2g_jax.config.settings import Config
 from ha2g_jax.features.audio import window_samples
 from ha2g_jax.features.spectrum import NUM_ASR_MELS, NUM_MELS, asr_columns, window_columns
 from ha2g_jax.features.text import MAX_PLAIN_WORDS
+from ha2g_jax.motion.windows import window_stride
 from ha2g_jax.skeleton import Skeleton, normalize
 
 Batch = Mapping[str, Any]
@@ -56,6 +57,11 @@ class Spec(NamedTuple):
     num_reference_images: int
     image_size: int
     noise_dim: int = 0
+
+    @property
+    def window_stride(self) -> int:
+        """Frames from one window of a recording to the next."""
+        return window_stride(self.num_frames, self.num_seed_frames)
 
     def __repr__(self) -> str:
         window = f"{self.num_frames} frames, {self.num_seed_frames} of them given"

@@ -21,7 +21,7 @@ from ha2g_jax.motion import cues as gestures
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.resample import num_frames, resample, sample, slerp
 from ha2g_jax.motion.smoothing import check_width, smooth
-from ha2g_jax.motion.windows import ease_start, join_windows, window_stride
+from ha2g_jax.motion.windows import ease_start, join_windows
 from ha2g_jax.skeleton import Skeleton
 from ha2g_jax.synthesis.style import RANDOM, Style
 
@@ -312,8 +312,7 @@ def join(
     windows = generator.sample_windows(audio, words, f_id, pose, seed)
     if not np.isfinite(windows).all():
         raise UserError(f"model {generator.assets.hash} generated values that are not finite; train or export it again")
-    overlap = generator.spec.num_seed_frames
-    return join_windows(windows, overlap, window_stride(generator.spec.num_frames, overlap))
+    return join_windows(windows, generator.spec.num_seed_frames, generator.spec.window_stride)
 
 
 def _check_fps(fps: float) -> float:

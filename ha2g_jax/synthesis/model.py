@@ -20,7 +20,7 @@ from ha2g_jax.methods import METHODS
 from ha2g_jax.methods.method import Spec, Variables
 from ha2g_jax.motion import control
 from ha2g_jax.motion.resample import num_frames
-from ha2g_jax.motion.windows import DEFAULT_HOP, DEFAULT_LOOK_AHEAD, num_windows, window_stride
+from ha2g_jax.motion.windows import DEFAULT_HOP, DEFAULT_LOOK_AHEAD, num_windows
 from ha2g_jax.synthesis.generator import Generator, join
 from ha2g_jax.synthesis.scan import encode_chunks, encode_windows, sample_windows
 from ha2g_jax.synthesis.stream import Stream
@@ -150,7 +150,7 @@ def encode_features(model: Model, audio: np.ndarray) -> Features:
     The model has three audio levels, and the clip (samples,) float32 mono samples at 16 kHz. Where two windows overlap,
     each frame is taken from the window whose border is farther away.
     """
-    stride = window_stride(model.spec.num_frames, model.spec.num_seed_frames)
+    stride = model.spec.window_stride
     start = (model.spec.num_frames - stride) // 2
     keep = slice(start, start + stride)
 
@@ -169,6 +169,5 @@ def _num_frames(model: Model, audio: np.ndarray) -> int:
 
 def _windows(model: Model, audio: np.ndarray, words: Sequence[Word]) -> tuple[Speech, int]:
     """Return the prepared speech of a clip and the number of windows that cover it."""
-    stride = window_stride(model.spec.num_frames, model.spec.num_seed_frames)
-    count = num_windows(_num_frames(model, audio), model.spec.num_frames, stride)
+    count = num_windows(_num_frames(model, audio), model.spec.num_frames, model.spec.window_stride)
     return prepare(audio, words, model.spec.inputs), count

@@ -28,7 +28,7 @@ from ha2g_jax.files.writing import whole_file
 from ha2g_jax.limits import MAX_ASSETS_BYTES
 from ha2g_jax.motion.cues import describe_catalogue
 from ha2g_jax.motion.resample import num_frames
-from ha2g_jax.motion.windows import num_windows, window_stride
+from ha2g_jax.motion.windows import num_windows
 from ha2g_jax.progress import progress_bar
 from ha2g_jax.synthesis.generator import Generator
 from ha2g_jax.synthesis.style import RANDOM, Style, choose_style
@@ -81,8 +81,7 @@ class OnnxModel(Generator[Description]):
         The speech of later windows is encoded in a thread of its own while a window is sampled.
         """
         del words
-        spec, overlap = self.spec, self.spec.num_seed_frames
-        stride = window_stride(spec.num_frames, overlap)
+        spec, overlap, stride = self.spec, self.spec.num_seed_frames, self.spec.window_stride
         count = num_windows(num_frames(len(audio) / SAMPLE_RATE, self.fps), spec.num_frames, stride)
         speech = prepare(audio, (), ("mel",))
 

@@ -1,6 +1,6 @@
 """The compiled part of generation: the speech of each window is encoded, and a scan over the windows samples poses.
 
-Time is cut into windows of N frames, each of which starts `motion.windows.window_stride` frames after the one before
+Time is cut into windows of N frames, each of which starts `Spec.window_stride` frames after the one before
 and has its M frames from there on as its seed pose. Both parts take a chunk of a fixed number of windows at a time, so
 that two programs serve speech of any length. A thread of its own encodes the next chunks while one is sampled, because
 neither part keeps all cores at work: XLA computes convolutions with few channels, and products with a single row, on
@@ -22,7 +22,6 @@ from ha2g_jax.features.noise import track
 from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.methods import generating_method_of
 from ha2g_jax.methods.method import Batch, Spec, Variables, restore, subtract_mean
-from ha2g_jax.motion.windows import window_stride
 from ha2g_jax.progress import progress_bar
 
 # Windows of a chunk. The last chunk is padded with silence, so that larger numbers cost time for short speech; for long
@@ -48,11 +47,10 @@ def encode_chunks(
     Yields:
         Features of each chunk in order, with a leading axis of its windows, the last of which may be beyond `count`.
     """
-    stride = window_stride(spec.num_frames, spec.num_seed_frames)
 
     def encode(start: int) -> Any:
         windows = [
-            window(speech, spec.inputs, vocabulary, index * stride, spec.num_frames, spec.fps)
+            window(speech, spec.inputs, vocabulary, index * spec.window_stride, spec.num_frames, spec.fps)
             for index in range(start, start + _CHUNK)
         ]
         batch = {name: np.stack([inputs[name] for inputs in windows]) for name in spec.inputs}
@@ -83,11 +81,10 @@ def sample_windows(
     `start` (M, bones, 3) is the seed pose of the first. A frame has the same noise in a clip of any length.
     """
     style, pose = np.asarray(style, np.float32), np.asarray(start, np.float32)
-    stride = window_stride(spec.num_frames, spec.num_seed_frames)
     parts = []
     with contextlib.closing(chunks):  # Ctrl-C does not wait for the chunks that are left
         for first, features in zip(itertools.count(step=_CHUNK), chunks):
-            noise = noise_of(spec, seed, (first + np.arange(_CHUNK)) * stride)
+            noise = noise_of(spec, seed, (first + np.arange(_CHUNK)) * spec.window_stride)
             pose, poses = _sample(spec, variables, features, style, pose, noise)
             parts.append(poses)
     return np.concatenate(jax.device_get(parts))[:count]
@@ -117,13 +114,12 @@ def _sample(
     `start` (M, bones, 3) is the seed pose of the first. Return that of the next, and the poses of the windows
     (K, N, bones, 3).
     """
-    stride = window_stride(spec.num_frames, spec.num_seed_frames)
 
     def window(seed: jax.Array, inputs: Any) -> tuple[jax.Array, jax.Array]:
         features, noise = inputs
         features = jax.tree.map(lambda x: x[None], features)
         directions = _poses(spec, variables, features, style, seed, noise)
-        return directions[stride : stride + spec.num_seed_frames], directions
+        return directions[spec.window_stride :][: spec.num_seed_frames], directions
 
     return jax.lax.scan(window, start, (features, noise))
 

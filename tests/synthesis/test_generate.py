@@ -25,7 +25,6 @@ from ha2g_jax.methods.method import restore, subtract_mean
 from ha2g_jax.metrics.seams import WIDTH, seam_score
 from ha2g_jax.motion import rigs
 from ha2g_jax.motion.resample import resample
-from ha2g_jax.motion.windows import window_stride
 from ha2g_jax.synthesis import Style, scan
 
 
@@ -142,7 +141,7 @@ def test_each_window_has_its_noise_and_poses_of_the_one_before(debug_model, monk
     """A method that adds noise to what it is given, against a loop over the windows."""
     spec = debug_model.spec._replace(method="echo", noise_dim=debug_model.spec.skeleton.pose_dim)
     frames, overlap = spec.num_frames, spec.num_seed_frames
-    stride = window_stride(frames, overlap)
+    stride = spec.window_stride
 
     def sample(spec, variables, features, style, seed_pose, noise):
         del spec, variables, style

@@ -16,6 +16,7 @@ from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.spectrum import FFT_SIZE, FLOOR_DB, HOP_LENGTH, NUM_MELS, window_columns
 from ha2g_jax.files.reading import check_regular, parse_json, read_bytes, reading, reason
 from ha2g_jax.limits import MAX_CHANNELS, MAX_ONNX_BYTES, MAX_ONNX_METADATA_BYTES, MAX_WINDOW_FRAMES
+from ha2g_jax.motion.windows import window_stride
 
 if TYPE_CHECKING:
     import onnx
@@ -57,6 +58,11 @@ class Description(NamedTuple):
     license: str
     assets: Assets  # without a vocabulary
     noise_dim: int = 0  # channels of the noise, of a model that samples
+
+    @property
+    def window_stride(self) -> int:
+        """Frames from one window of a recording to the next."""
+        return window_stride(self.num_frames, self.num_seed_frames)
 
 
 def input_names(description: Description) -> tuple[str, ...]:
