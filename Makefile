@@ -1,6 +1,6 @@
 # make demo          write a video of a figure that gestures to examples/hello.wav, out/demo.mp4
 # make test          run the tests
-# make test-all      run them with damaged files, the commands of the pages and further networks
+# make test-all      run them with damaged files, the commands of the pages, a cluster and further networks
 # make fuzz          give every reader damaged files, for an hour (FUZZ_SECONDS)
 # make test-torch    compare the numerics with PyTorch
 # make test-blender  test exports and the add-on in Blender (its wheel needs Python 3.11)
@@ -15,7 +15,7 @@
 
 PYTHON ?= python3
 VENV ?= .venv
-PYTEST_WORKERS ?= 2
+PYTEST_WORKERS ?= 3
 FUZZ_SECONDS ?= 3600
 
 .PHONY: demo test test-all fuzz test-torch test-blender test-web web pose lint docs release notebooks clean

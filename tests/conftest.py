@@ -49,8 +49,14 @@ SLOW = (
 )
 
 # What `make test` leaves to `make test-all`: damaged files by the thousand, commands that parsing has already checked,
-# and further networks, which take half a minute to compile each.
-THOROUGH = ("fuzz/", "test_docs_commands.py::test_commands_of_a_page_run", "test_baselines.py")
+# a cluster on this machine, and further networks, which take half a minute to compile each.
+THOROUGH = (
+    "fuzz/",
+    "test_docs_commands.py::test_commands_of_a_page_run",
+    "test_baselines.py",
+    "methods/test_baselines.py::test_half_precision_is_near_single_precision",
+    "importers/video/test_build.py::test_a_cluster_gives_the_same_bytes_and_survives_a_killed_worker",
+)
 
 pytest_plugins = [
     "fixtures.torch_files",
