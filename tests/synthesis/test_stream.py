@@ -14,11 +14,12 @@ import ha2g_jax
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.noise import track
-from ha2g_jax.features.spectrum import hide_unheard, mel_power
+from ha2g_jax.features.spectrum import FLOOR_DB, hide_unheard, mel_power
 from ha2g_jax.metrics.beats.strokes import wrist_positions
 from ha2g_jax.motion.control import Controls, rest_pose
 from ha2g_jax.motion.control.parts import arm_parts, bones_of
 from ha2g_jax.motion.windows import window_stride
+from ha2g_jax.skeleton import normalize
 from ha2g_jax.synthesis import Style, stream
 
 FPS, HALF_SECOND = 15, 8  # frames
@@ -66,6 +67,24 @@ def test_a_moment_has_the_same_noise_each_time_it_is_sampled(sampling_model, has
     whole = track(5, np.arange(-first, 100), FPS, 32)
     for run, noise in enumerate(seen):
         np.testing.assert_array_equal(noise, whole[2 * run : 2 * run + 34])
+
+
+@pytest.mark.parametrize("sample", [True, False], ids=["samples", "does not sample"])
+def test_windows_that_exaggerate_carry_the_hands_away_only_where_nothing_samples(sampling_model, sample, monkeypatch):
+    """Each window goes on a tenth farther from the mean pose than its seed pose; in silence it rests elsewhere."""
+    spec, assets = sampling_model.spec, sampling_model.assets
+    mean = spec.skeleton.mean_directions
+
+    def exaggerate(spec, variables, sound, style, seed_pose, noise):
+        is_silent = sound["mel"].max() <= FLOOR_DB
+        pose = normalize(-mean if is_silent else mean + 1.1 * (seed_pose[-1] - mean))
+        return np.broadcast_to(pose, (spec.num_frames, *pose.shape))
+
+    monkeypatch.setattr(stream, "generate_window", exaggerate)
+    spec = spec if sample else spec._replace(noise_dim=0)
+    live = stream.Stream(spec, sampling_model.variables, assets, has_hidden_ends=True)
+    distances = np.linalg.norm(live.feed(speech(10)) - normalize(mean), axis=(1, 2))
+    assert (distances[-1] < distances[0]) == sample
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import { EASE_SECONDS, Ramp, RunningControls } from "../motion/control/running.j
 import { RunningCues } from "../motion/cues.js";
 import { Idle } from "../motion/idle.js";
 import { minimumJerk } from "../motion/minimum-jerk.js";
-import { type Numbers, unit } from "../motion/rotations.js";
+import { type Numbers, norms, unit } from "../motion/rotations.js";
 import { slerp } from "../motion/sphere.js";
 import { ATTENTION, nodDepth, RunningStates, type State } from "../motion/states.js";
 import { round } from "../rounding.js";
@@ -22,6 +22,7 @@ import { RunningJoin } from "./windows.js";
 const PAUSE_SECONDS = 0.3; // after the last sound, and before the hands begin to rest
 const REST_WINDOWS = 3; // of silence until a model is at rest
 const REMEMBERED_SECONDS = 60; // of returned frames, to which `clear` can go back
+const MEAN_SHARE = 0.2; // of the mean pose in the seed pose of a model that samples, as windows exaggerate it
 
 /** A frame before its controls, what its time has of the agent's speech, and what it owes to the other. */
 interface Frame {
@@ -225,7 +226,7 @@ export class Stream {
   /** Generates the next window, and returns the frames from its first new one on. */
   private async run(): Promise<Frame[]> {
     const { description, size } = this.sampler;
-    const { num_frames, num_seed_frames, fps, audio } = description;
+    const { num_frames, fps, audio } = description;
     const { first } = this.join;
     const style = Float32Array.from(this.styleRamp.step(this.style, this.hop));
     const pose = unit((await this.restRamp).step(await this.rest, this.hop), 3);
@@ -236,7 +237,7 @@ export class Stream {
     if (weights.some(Boolean)) {
       const mel = this.mel.window(windowColumn(start, fps), audio.columns);
       if (!this.isEnded) hideUnheard(mel, start, this.heard() - start, fps);
-      window = await this.sampler.run(mel, style, this.past.slice(0, num_seed_frames * size), this.seed, start);
+      window = await this.sampler.run(mel, style, this.seedPose(pose), this.seed, start);
     } else {
       window = Float32Array.from(rest);
     }
@@ -255,6 +256,20 @@ export class Stream {
     this.expected = poses.slice(this.hop);
     this.numMade += this.hop;
     return poses.map((pose, k) => ({ pose, weight: weights[first + k], ...this.owed(number + k) }));
+  }
+
+  /** Returns the poses from which the next window goes on; near rest as they were made. */
+  private seedPose(rest: Numbers): Float32Array {
+    const { size, description } = this.sampler;
+    const made = this.past.slice(0, description.num_seed_frames * size);
+    if (!description.noise_dim) return made;
+    const poses = Float64Array.from(made);
+    const mean = Float64Array.from(description.skeleton.mean_directions.flat());
+    const distances = norms(poses.map((x, i) => x - rest[i % size]), size);
+    const [farthest] = norms(mean.map((x, i) => x - rest[i]), size);
+    const shares = distances.map((distance) => MEAN_SHARE * Math.min(distance / farthest, 1));
+    const mixed = Float64Array.from(poses, (x, i) => x + shares[Math.floor(i / size)] * (mean[i % size] - x));
+    return Float32Array.from(unit(mixed, 3));
   }
 
   /** Returns the next poses as they follow on those that were dropped. */
