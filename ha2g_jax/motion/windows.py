@@ -10,7 +10,7 @@ DEFAULT_LOOK_AHEAD = 8
 """Frames of speech that a stream hears beyond each frame where nothing else is asked for; fewer give few beats."""
 
 DEFAULT_HOP = 2
-"""Frames of a stream that are generated in one run: half the computation of 1, and motion that fits no worse."""
+"""Frames of a stream that are generated in one run: half the computation of 1, and motion that fits better."""
 
 _EASE_FRAMES = 10
 _TOLERANCE = 2.0  # times the usual distance from the course, which is no step

@@ -51,7 +51,8 @@ _REMEMBERED_SECONDS = 60  # of returned frames, to which `Stream.clear` can go b
 
 # Share of the mean pose in the seed pose of a model that samples. A window exaggerates its seed pose a little, and in a
 # stream the next one goes on from it two frames later: without this share the hands drift apart. With it they spread as
-# far to the side as those of `Model.generate`, on the validation split of Talk, where it was chosen.
+# far to the side as those of `Model.generate`, on the validation split of Talk, where it was chosen. With a hop of 1 it
+# would make them shake.
 _MEAN_SHARE = 0.2
 
 
@@ -387,7 +388,7 @@ class Stream:
     def _seed_pose(self, rest: np.ndarray) -> np.ndarray:
         """Return the poses (M, bones, 3) from which the next window goes on, near `rest` (bones, 3) as made."""
         poses = self._past[: self.spec.num_seed_frames]
-        if not self.spec.noise_dim:
+        if not self.spec.noise_dim or self.hop == 1:
             return poses
         mean = self.skeleton.mean_directions
         distance = np.linalg.norm(poses - rest, axis=(1, 2), keepdims=True) / np.linalg.norm(mean - rest)

@@ -69,8 +69,8 @@ def test_a_moment_has_the_same_noise_each_time_it_is_sampled(sampling_model, has
         np.testing.assert_array_equal(noise, whole[2 * run : 2 * run + 34])
 
 
-@pytest.mark.parametrize("sample", [True, False], ids=["samples", "does not sample"])
-def test_windows_that_exaggerate_carry_the_hands_away_only_where_nothing_samples(sampling_model, sample, monkeypatch):
+@pytest.mark.parametrize(("samples", "hop", "stays"), [(True, 2, True), (True, 1, False), (False, 2, False)])
+def test_windows_that_exaggerate_do_not_carry_the_hands_away(sampling_model, samples, hop, stays, monkeypatch):
     """Each window goes on a tenth farther from the mean pose than its seed pose; in silence it rests elsewhere."""
     spec, assets = sampling_model.spec, sampling_model.assets
     mean = spec.skeleton.mean_directions
@@ -81,10 +81,10 @@ def test_windows_that_exaggerate_carry_the_hands_away_only_where_nothing_samples
         return np.broadcast_to(pose, (spec.num_frames, *pose.shape))
 
     monkeypatch.setattr(stream, "generate_window", exaggerate)
-    spec = spec if sample else spec._replace(noise_dim=0)
-    live = stream.Stream(spec, sampling_model.variables, assets, has_hidden_ends=True)
+    spec = spec if samples else spec._replace(noise_dim=0)
+    live = stream.Stream(spec, sampling_model.variables, assets, hop=hop, has_hidden_ends=True)
     distances = np.linalg.norm(live.feed(speech(10)) - normalize(mean), axis=(1, 2))
-    assert (distances[-1] < distances[0]) == sample
+    assert (distances[-1] < distances[0]) == stays
 
 
 @pytest.fixture(scope="module")

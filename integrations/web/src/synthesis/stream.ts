@@ -22,7 +22,7 @@ import { RunningJoin } from "./windows.js";
 const PAUSE_SECONDS = 0.3; // after the last sound, and before the hands begin to rest
 const REST_WINDOWS = 3; // of silence until a model is at rest
 const REMEMBERED_SECONDS = 60; // of returned frames, to which `clear` can go back
-const MEAN_SHARE = 0.2; // of the mean pose in the seed pose of a model that samples, as windows exaggerate it
+const MEAN_SHARE = 0.2; // of the mean pose in the seed pose of a model that samples, see `_MEAN_SHARE` in Python
 
 /** A frame before its controls, what its time has of the agent's speech, and what it owes to the other. */
 interface Frame {
@@ -262,7 +262,7 @@ export class Stream {
   private seedPose(rest: Numbers): Float32Array {
     const { size, description } = this.sampler;
     const made = this.past.slice(0, description.num_seed_frames * size);
-    if (!description.noise_dim) return made;
+    if (!description.noise_dim || this.hop === 1) return made;
     const poses = Float64Array.from(made);
     const mean = Float64Array.from(description.skeleton.mean_directions.flat());
     const distances = norms(poses.map((x, i) => x - rest[i % size]), size);
