@@ -50,9 +50,8 @@ _REST_WINDOWS = 3  # of silence until a model is at rest
 _REMEMBERED_SECONDS = 60  # of returned frames, to which `Stream.clear` can go back
 
 # Share of the mean pose in the seed pose of a model that samples. A window exaggerates its seed pose a little, and in a
-# stream the next one goes on from it two frames later: without this share the hands drift apart. With it they spread as
-# far to the side as those of `Model.generate`, on the validation split of Talk, where it was chosen. With a hop of 1 it
-# would make them shake.
+# stream the next one goes on from it two frames later: without this share the hands drift apart. More of it makes the
+# motion smaller; it was chosen on the validation split of Talk. With a hop of 1 it would make the hands shake.
 _MEAN_SHARE = 0.2
 
 
