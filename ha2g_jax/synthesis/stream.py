@@ -23,8 +23,6 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.phrases import Phrases
 from ha2g_jax.features.spectrum import (
-    FLOOR_DB,
-    NUM_MELS,
     RunningMel,
     hide_unheard,
     window_column,
@@ -36,23 +34,17 @@ from ha2g_jax.motion.control.effects import EASE, Ramp, RunningControls, check_r
 from ha2g_jax.motion.cues import MOST, Cue, RunningCues, check_cue, keyframes_of
 from ha2g_jax.motion.idle import idle
 from ha2g_jax.motion.resample import num_frames, slerp
-from ha2g_jax.motion.rotations import prepare, unit
+from ha2g_jax.motion.rotations import prepare
 from ha2g_jax.motion.smoothing import minimum_jerk
 from ha2g_jax.motion.states import ATTENTION, RunningStates, nod_depths
 from ha2g_jax.motion.windows import DEFAULT_HOP, DEFAULT_LOOK_AHEAD, RunningJoin
 from ha2g_jax.skeleton import Skeleton
-from ha2g_jax.synthesis.scan import generate_window, noise_of
-from ha2g_jax.synthesis.style import RANDOM, Style, choose_style
+from ha2g_jax.synthesis.running_generator import RunningGenerator
+from ha2g_jax.synthesis.style import RANDOM, Style
 
 _MAX_SKIP_SECONDS = 3600.0
 _PAUSE_SECONDS = 0.3  # after the last sound, and before the hands begin to rest
-_REST_WINDOWS = 3  # of silence until a model is at rest
 _REMEMBERED_SECONDS = 60  # of returned frames, to which `Stream.clear` can go back
-
-# Share of the mean pose in the seed pose of a model that samples. A window exaggerates its seed pose a little, and in a
-# stream the next one goes on from it two frames later: without this share the hands drift apart. More of it makes the
-# motion smaller; it was chosen on the validation split of Talk. With a hop of 1 it would make the hands shake.
-_MEAN_SHARE = 0.2
 
 
 class _Frame(NamedTuple):
@@ -124,11 +116,8 @@ class Stream:
         _check(spec, look_ahead, hop, reference)
         prepare()
         self.spec, self.look_ahead, self.hop, self.muted = spec, look_ahead, hop, False
-        self._variables, self._assets, self._seed = variables, assets, seed
-        self._start_pose = assets.seed_poses[np.random.default_rng(seed).integers(len(assets.seed_poses))]
-        self.style, self.controls = style, controls  # the program is compiled here, so that the first frame is not late
-        self._style_ramp = Ramp(self._f_id, self.fps)
-        self._rest_ramp = Ramp(self._rest_pose.ravel(), self.fps)
+        self._seed, self.controls = seed, controls
+        self._generator = RunningGenerator(spec, variables, assets, style, seed, hop)  # no frame waits for a compiler
         self._weight_ramp: Ramp | None = None  # of the motion, from rest; begins at the first frame
         self._layers = _Layers(
             RunningControls(self.skeleton, self.fps, controls),
@@ -143,7 +132,7 @@ class Stream:
         longest = spec.num_frames + look_ahead  # frames from the start of a window to what is heard
         self._mel = RunningMel(window_columns(longest, self.fps) + window_column(_PAUSE_SECONDS, 1) + 2, reference)
         # The frames before the next new one, from the start of its window on.
-        pose = self._start_pose
+        pose = self._generator.start_pose
         self._past = np.concatenate([pose[:1]] * max(first - len(pose), 0) + [pose])
         self._num_samples = self._num_made = self._num_returned = 0
         self._held: list[_Frame] = []  # frames that were made
@@ -161,7 +150,7 @@ class Stream:
     @property
     def skeleton(self) -> Skeleton:
         """Skeleton of the frames."""
-        return self._assets.skeleton
+        return self.spec.skeleton
 
     @property
     def latency(self) -> float:
@@ -192,13 +181,11 @@ class Stream:
         Raises:
             UserError: the style cannot be used, see `choose_style`.
         """
-        return self._style
+        return self._generator.style
 
     @style.setter
     def style(self, style: Style) -> None:
-        self._f_id, _ = choose_style(self.spec, self._variables, self._assets, style, self._seed)
-        self._style = style
-        self._rest_pose = self._find_rest()
+        self._generator.style = style
 
     @property
     def state(self) -> str:
@@ -352,16 +339,16 @@ class Stream:
 
     def _run(self) -> list[_Frame]:
         """Generate the next window, and return the frames from its first new one on."""
-        style = np.asarray(self._style_ramp.step(self._f_id, self.hop), np.float32)
-        pose = unit(self._rest_ramp.step(self._rest_pose.ravel(), self.hop).reshape(self._rest_pose.shape))
+        self._generator.advance()
         start = self._num_made - self._join.first
-        rest = idle(self.skeleton, pose, self._seed, start + np.arange(self.spec.num_frames), self.fps)
+        times = start + np.arange(self.spec.num_frames)
+        rest = idle(self.skeleton, self._generator.rest, self._seed, times, self.fps)
         weights = self._weights()
         if weights.any():
             mel = self._mel.window(window_column(start, self.fps), window_columns(self.spec.num_frames, self.fps))
             if not self._is_ended:
                 mel = hide_unheard(mel, start, self._heard() - start, self.fps)
-            window = self._generate(mel, style, self._seed_pose(pose), start)
+            window = self._generator.window(mel, self._past[: self.spec.num_seed_frames], start)
         else:
             window = rest.astype(np.float32)
         new = self._rested(window, rest, weights)
@@ -383,15 +370,6 @@ class Stream:
         self._num_made += self.hop
         self._expected = frames[self.hop :]
         return frames
-
-    def _seed_pose(self, rest: np.ndarray) -> np.ndarray:
-        """Return the poses (M, bones, 3) from which the next window goes on, near `rest` (bones, 3) as made."""
-        poses = self._past[: self.spec.num_seed_frames]
-        if not self.spec.noise_dim or self.hop == 1:
-            return poses
-        mean = self.skeleton.mean_directions
-        distance = np.linalg.norm(poses - rest, axis=(1, 2), keepdims=True) / np.linalg.norm(mean - rest)
-        return unit(poses + _MEAN_SHARE * np.minimum(distance, 1) * (mean - poses)).astype(np.float32)
 
     def _eased(self, poses: np.ndarray) -> np.ndarray:
         """Return the next poses (T, bones, 3) as they go on from those that a clear has dropped."""
@@ -424,23 +402,6 @@ class Stream:
             self._weight_ramp = Ramp(targets[0], self.fps)
         weights = np.concatenate([self._weight_ramp.step(target) for target in targets])
         return np.pad(weights, (self._join.first, self.spec.num_frames - self._join.first - self.hop), mode="edge")
-
-    def _find_rest(self) -> np.ndarray:
-        """Return the pose (bones, 3) in which the model rests with the present style: where silence leads it."""
-        silence = np.full((NUM_MELS, window_columns(self.spec.num_frames, self.fps)), FLOOR_DB, np.float32)
-        window = self._start_pose
-        for index in range(_REST_WINDOWS):
-            first = index * (self.spec.num_frames - self.spec.num_seed_frames)
-            window = self._generate(silence, self._f_id, window[-self.spec.num_seed_frames :], first)
-        return unit(window.mean(axis=0))
-
-    def _generate(self, mel: np.ndarray, style: np.ndarray, seed_pose: np.ndarray, first: int) -> np.ndarray:
-        """Return the poses (N, bones, 3) of a window, from its first frame `first` on."""
-        noise = noise_of(self.spec, self._seed, np.asarray(first))
-        window = np.asarray(generate_window(self.spec, self._variables, {"mel": mel}, style, seed_pose, noise))
-        if not np.isfinite(window).all():
-            raise UserError(f"model {self._assets.hash} generated values that are not finite; train or export it again")
-        return window
 
     def _heard(self) -> int:
         """Return the number of frames whose time must have passed before the next run."""

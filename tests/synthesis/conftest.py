@@ -42,9 +42,11 @@ def held_bytes():
             return value.nbytes
         if isinstance(value, list | tuple | dict | collections.deque):
             return sum(size(item, seen) for item in (value.values() if isinstance(value, dict) else value))
-        is_own = type(value).__module__.startswith(
-            ("ha2g_jax.synthesis.stream", "ha2g_jax.features", "ha2g_jax.motion")
-        )
+        is_own = type(value).__module__.startswith(("ha2g_jax.synthesis", "ha2g_jax.features", "ha2g_jax.motion"))
         return size(vars(value), seen) if is_own and hasattr(value, "__dict__") else 0
 
-    return lambda stream: size(stream, {id(stream._variables), id(stream._assets), id(stream.spec)})
+    def held(stream):
+        generator = stream._generator
+        return size(stream, {id(generator._variables), id(generator._assets), id(stream.spec)})
+
+    return held

@@ -20,7 +20,7 @@ from ha2g_jax.motion.control import Controls, rest_pose
 from ha2g_jax.motion.control.parts import arm_parts, bones_of
 from ha2g_jax.motion.windows import window_stride
 from ha2g_jax.skeleton import normalize
-from ha2g_jax.synthesis import Style, stream
+from ha2g_jax.synthesis import Style, running_generator, stream
 
 FPS, HALF_SECOND = 15, 8  # frames
 
@@ -57,8 +57,8 @@ def test_long_hops_give_the_frames_of_a_file(debug_model, seconds):
 @pytest.mark.parametrize(("has_hidden_ends", "first"), [(False, 25), (True, 4)])
 def test_a_moment_has_the_same_noise_each_time_it_is_sampled(sampling_model, has_hidden_ends, first, monkeypatch):
     """That of the number of its frame: a window may begin before the speech, and the next one two frames later."""
-    generate, seen = stream.generate_window, []
-    monkeypatch.setattr(stream, "generate_window", lambda *args: seen.append(args[-1]) or generate(*args))
+    generate, seen = running_generator.generate_window, []
+    monkeypatch.setattr(running_generator, "generate_window", lambda *args: seen.append(args[-1]) or generate(*args))
     parts = sampling_model.spec, sampling_model.variables, sampling_model.assets
     live = stream.Stream(*parts, seed=5, has_hidden_ends=has_hidden_ends)
     del seen[:]  # those of the pose at rest
@@ -80,7 +80,7 @@ def test_windows_that_exaggerate_do_not_carry_the_hands_away(sampling_model, sam
         pose = normalize(-mean if is_silent else mean + 1.1 * (seed_pose[-1] - mean))
         return np.broadcast_to(pose, (spec.num_frames, *pose.shape))
 
-    monkeypatch.setattr(stream, "generate_window", exaggerate)
+    monkeypatch.setattr(running_generator, "generate_window", exaggerate)
     spec = spec if samples else spec._replace(noise_dim=0)
     live = stream.Stream(spec, sampling_model.variables, assets, hop=hop, has_hidden_ends=True)
     distances = np.linalg.norm(live.feed(speech(10)) - normalize(mean), axis=(1, 2))

@@ -1,0 +1,88 @@
+"""The generator of a stream: windows that go on from each other every few frames, in a style that may change."""
+
+import numpy as np
+
+from ha2g_jax.checkpoint.assets import Assets
+from ha2g_jax.errors import UserError
+from ha2g_jax.features.spectrum import FLOOR_DB, NUM_MELS, window_columns
+from ha2g_jax.methods.method import Spec, Variables
+from ha2g_jax.motion.control.effects import Ramp
+from ha2g_jax.motion.rotations import unit
+from ha2g_jax.synthesis.scan import generate_window, noise_of
+from ha2g_jax.synthesis.style import Style, choose_style
+
+_REST_WINDOWS = 3  # of silence until a model is at rest
+
+# Share of the mean pose in the seed pose of a model that samples. A window exaggerates its seed pose a little, and in a
+# stream the next one goes on from it two frames later: without this share the hands drift apart. More of it makes the
+# motion smaller; it was chosen on the validation split of Talk. With a hop of 1 it would make the hands shake.
+_MEAN_SHARE = 0.2
+
+
+class RunningGenerator:
+    """Generator of the windows of a stream, each `hop` frames after the one before.
+
+    A new style takes effect within half a second, and so does the pose in which the model rests with it.
+
+    Attributes:
+        start_pose: (M, bones, 3) poses that the stream begins from.
+        rest: (bones, 3) pose at rest in the present window.
+
+    Raises:
+        UserError: the style cannot be used, see `choose_style`, or the values of the model are not finite.
+    """
+
+    def __init__(self, spec: Spec, variables: Variables, assets: Assets, style: Style, seed: int, hop: int):
+        self._spec, self._variables, self._assets, self._seed, self._hop = spec, variables, assets, seed, hop
+        self.start_pose = assets.seed_poses[np.random.default_rng(seed).integers(len(assets.seed_poses))]
+        self.style = style  # the program is compiled here
+        self._style_ramp, self._rest_ramp = Ramp(self._f_id, spec.fps), Ramp(self._rest_pose.ravel(), spec.fps)
+        self._present, self.rest = self._f_id, self._rest_pose
+
+    @property
+    def style(self) -> Style:
+        """Requested style."""
+        return self._style
+
+    @style.setter
+    def style(self, style: Style) -> None:
+        self._f_id, _ = choose_style(self._spec, self._variables, self._assets, style, self._seed)
+        self._style = style
+        self._rest_pose = self._find_rest()
+
+    def advance(self) -> None:
+        """Go on to the next window, with the style and the pose at rest that it has."""
+        self._present = np.asarray(self._style_ramp.step(self._f_id, self._hop), np.float32)
+        rest = self._rest_ramp.step(self._rest_pose.ravel(), self._hop)
+        self.rest = unit(rest.reshape(self._rest_pose.shape))
+
+    def window(self, mel: np.ndarray, poses: np.ndarray, first: int) -> np.ndarray:
+        """Return the poses (N, bones, 3) of the present window, whose first frame has the number `first`.
+
+        Args:
+            mel: (128, columns) spectrogram of the window.
+            poses: (M, bones, 3) poses that the stream has in the first frames of the window.
+        """
+        if self._spec.noise_dim and self._hop > 1:
+            mean = self._spec.skeleton.mean_directions
+            distance = np.linalg.norm(poses - self.rest, axis=(1, 2), keepdims=True) / np.linalg.norm(mean - self.rest)
+            share = _MEAN_SHARE * np.minimum(distance, 1)  # a pose at rest stays as it is
+            poses = unit(poses + share * (mean - poses)).astype(np.float32)
+        return self._generate(mel, self._present, poses, first)
+
+    def _find_rest(self) -> np.ndarray:
+        """Return the pose (bones, 3) in which the model rests with the requested style: where silence leads it."""
+        num_frames, num_seed_frames = self._spec.num_frames, self._spec.num_seed_frames
+        silence = np.full((NUM_MELS, window_columns(num_frames, self._spec.fps)), FLOOR_DB, np.float32)
+        window = self.start_pose
+        for index in range(_REST_WINDOWS):
+            first = index * (num_frames - num_seed_frames)
+            window = self._generate(silence, self._f_id, window[-num_seed_frames:], first)
+        return unit(window.mean(axis=0))
+
+    def _generate(self, mel: np.ndarray, style: np.ndarray, seed_pose: np.ndarray, first: int) -> np.ndarray:
+        noise = noise_of(self._spec, self._seed, np.asarray(first))
+        window = np.asarray(generate_window(self._spec, self._variables, {"mel": mel}, style, seed_pose, noise))
+        if not np.isfinite(window).all():
+            raise UserError(f"model {self._assets.hash} generated values that are not finite; train or export it again")
+        return window
