@@ -26,7 +26,7 @@ from typing import Any
 
 import tqdm
 from tables import factorial
-from tables.kept_runs import keep_run
+from tables.kept_runs import corpus_data, keep_run
 from tables.paper_tables import TABLES
 from tables.plan import (
     Request,
@@ -197,9 +197,7 @@ def _fill(request: Request, plan: TablePlan, perform: Callable[[Run, int, Stop],
 def _keep(run: Run, plan: TablePlan, request: Request, folder: pathlib.Path) -> None:
     scores = read_record(run, plan, request).scores
     if scores is not None or run == plan.autoencoder:
-        metadata = {key: plan.corpus.metadata[key] for key in ("name", "source", "skeleton", "fps")}
-        splits = {name: {"clips": split["clips"]} for name, split in plan.corpus.metadata["splits"].items()}
-        data = {"sha256": plan.digest, "metadata": metadata | {"splits": splits}}
+        data = corpus_data(plan.corpus.metadata, plan.digest)
         keep_run(run, scores, folder, data, scores_kind(plan, request))
 
 

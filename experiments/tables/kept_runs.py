@@ -11,6 +11,7 @@ import threading
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+from ha2g_jax.data.corpus import TALK_VERSION
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
 from ha2g_jax.files.writing import whole_file
@@ -27,7 +28,7 @@ class Kept(NamedTuple):
     """The content of a table of kept runs.
 
     Attributes:
-        data: {"sha256", "metadata"} of the `dataset.json` of the corpus, None without a table.
+        data: {"sha256", "metadata"} of the `dataset.json` of the corpus, see `corpus_data`, None without a table.
         kind: what the scores depend on beside the models, values of JSON.
         autoencoder: record of the auto-encoder, None without.
         records: records of all other runs, with scores.
@@ -37,6 +38,17 @@ class Kept(NamedTuple):
     kind: Sequence[Any] = ()
     autoencoder: Record | None = None
     records: tuple[Record, ...] = ()
+
+    def is_of(self, data: Mapping[str, Any]) -> bool:
+        """Return whether the runs are of a corpus, given by its `corpus_data`.
+
+        It has the same bytes, or `ha2g data make-talk` made it in the same way: processors differ in the last bit of a
+        sample now and then, and a study goes on at another machine.
+        """
+        if self.data is None:
+            return False
+        is_made = data["metadata"]["name"] == TALK_VERSION
+        return self.data["sha256"] == data["sha256"] or (is_made and self.data["metadata"] == data["metadata"])
 
     def find(self, run: Run) -> Record | None:
         """Return the record of a run, whatever its name, or None.
@@ -53,6 +65,13 @@ class Kept(NamedTuple):
             and _agree(without_path(record.config), without_path(json.loads(run.config.to_json())))
         ]
         return found[0] if len(found) == 1 else None
+
+
+def corpus_data(metadata: Mapping[str, Any], sha256: str) -> dict[str, Any]:
+    """Return what a table says of its corpus, from the `dataset.json` and its hash: {"sha256", "metadata"}."""
+    facts = {name: metadata[name] for name in ("name", "source", "skeleton", "fps")}
+    splits = {name: {"clips": split["clips"]} for name, split in metadata["splits"].items()}
+    return {"sha256": sha256, "metadata": facts | {"splits": splits}}
 
 
 def read_kept(folder: pathlib.Path) -> Kept:
@@ -74,7 +93,7 @@ def keep_run(
         run: finished run, of a model with scores, or of the auto-encoder.
         scores: scores of the model, None for the auto-encoder, which comes first.
         folder: folder of the table, which is made.
-        data: {"sha256", "metadata"} of the `dataset.json` of the corpus.
+        data: `corpus_data` of the corpus.
         kind: what the scores depend on beside the models, values of JSON.
 
     Raises:
@@ -82,7 +101,7 @@ def keep_run(
     """
     with _WRITING:
         kept = read_kept(folder)
-        if kept.data is not None and (kept.data["sha256"], list(kept.kind)) != (data["sha256"], list(kind)):
+        if kept.data is not None and not (kept.is_of(data) and list(kept.kind) == list(kind)):
             raise UserError(f"{shown(folder / FILE)} has scores of another corpus or kind; use another folder")
         if not is_finished(run):  # a run that is scored as it is, or one that is in the table of the workdir
             return
@@ -98,7 +117,7 @@ def keep_run(
         else:
             others = [each for each in kept.records if each != before]
             kept = kept._replace(records=(*others, record))
-        _write(kept._replace(data=data, kind=kind), folder / FILE)
+        _write(kept._replace(data=kept.data or data, kind=kind), folder / FILE)
 
 
 def _for_all(record: Record, corpus: str) -> Record:

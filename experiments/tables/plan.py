@@ -18,7 +18,7 @@ from ha2g_jax.files.writing import check_file
 from ha2g_jax.launch import load_config
 from tables import factorial, paper_tables
 from tables.kept_runs import FILE as KEPT
-from tables.kept_runs import Kept, read_kept
+from tables.kept_runs import Kept, corpus_data, read_kept
 from tables.paper_tables import Table
 from tables.workdirs import (
     Record,
@@ -166,8 +166,10 @@ def plan_rows(request: Request, rows: Mapping[str, tuple[str, Mapping[str, Any]]
         plan = Plan(Corpus(path, dict(kept.data["metadata"])), kept.data["sha256"], kept, {})
     else:
         corpus, sha256 = Corpus.open(path), file_sha256(path / FILE)
-        is_kept = kept.data is not None and kept.data["sha256"] == sha256
-        plan = Plan(corpus, sha256, kept if is_kept else Kept(), {})
+        if kept.data is not None and kept.is_of(corpus_data(corpus.metadata, sha256)):
+            plan = Plan(corpus, kept.data["sha256"], kept, {})  # so that runs have the same names at every machine
+        else:
+            plan = Plan(corpus, sha256, Kept(), {})
     for name, (method, changes) in rows.items():
         plan.rows[name] = tuple(_run(request, plan, method, changes, name, seed) for seed in request.seeds)
     with reading(request.workdir, "a folder of runs, which --workdir names"):

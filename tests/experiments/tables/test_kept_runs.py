@@ -1,12 +1,16 @@
 """Finished runs are kept in one table, so that a study can be published and continued elsewhere."""
 
 import json
+import pathlib
 import signal
 
 import pytest
 from tables.kept_runs import FILE, read_kept
 from tables.plan import plan_table
 from tables.runs import Stop, Stopped
+
+from ha2g_jax.data.corpus import TALK_VERSION
+from ha2g_jax.errors import UserError
 
 from ..fake_runs import FakeRuns, run_study
 
@@ -68,3 +72,30 @@ def test_each_run_is_kept_when_it_ends(request_, tmp_path):
         runs.trained[0],
         *(record.name for record in kept.records),
     ]
+
+
+@pytest.mark.parametrize("name", [TALK_VERSION, "my recordings"])
+def test_a_study_of_talk_goes_on_with_the_corpus_of_another_machine(request_, tmp_path, name):
+    """Talk made by the same command may differ in a last bit; of other corpora, only the same bytes are the same."""
+    description = pathlib.Path(request_.path, "dataset.json")
+
+    def describe(source, statistics):
+        facts = json.loads(description.read_text()) | {"name": name, "source": source, "statistics": statistics}
+        description.write_text(json.dumps(facts))
+
+    describe("seed 0", {"lengths": [0.26]})
+    keep = tmp_path / "kept"
+    run_study(request_, FakeRuns(), keep=keep)
+    names = {run.name for run in plan_table(request_).runs}
+    describe("seed 0", {"lengths": [0.2600001]})
+    there = request_._replace(workdir=keep)
+    again = FakeRuns()
+    if name == TALK_VERSION:
+        assert {run.name for run in plan_table(there).runs} == names
+        run_study(there, again, keep=keep)
+        assert not again.trained
+    else:
+        with pytest.raises(UserError, match="another corpus"):
+            run_study(there._replace(workdir=tmp_path / "new"), again, keep=keep)
+    describe("seed 1", {"lengths": [0.26]})
+    assert not plan_table(there).kept.records
