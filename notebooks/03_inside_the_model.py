@@ -171,5 +171,5 @@ plt.show()
 
 # %% [markdown]
 # Above the diagonal a stage does not have the bones yet, and the mean pose is up to about 40° off. On the diagonal a
-# stage has just added them, and below it later stages correct them by 11° or less. The rows "Holistic", "w/o hand
+# stage has just added them, and below it later stages correct them by 12° or less. The rows "Holistic", "w/o hand
 # hierarchy" and "w/o body hierarchy" of Table 4 leave levels out (`config.model.inferer.levels`).

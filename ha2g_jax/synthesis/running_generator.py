@@ -14,10 +14,9 @@ from ha2g_jax.synthesis.style import Style, choose_style
 _REST_WINDOWS = 3  # of silence until a model is at rest
 
 # Share of the mean pose in the seed pose of a model that samples. A window exaggerates its seed pose a little, and in a
-# stream the next one goes on from it two frames later: without this share the hands drift apart. With it they spread as
-# far to the side as the truth, on the validation split of Talk, where it was chosen. With a hop of 1 it would make them
-# shake.
-_MEAN_SHARE = 0.4
+# stream the next one goes on from it two frames later: without this share the hands drift apart. With more of it they
+# spread less; it was chosen on the validation split of Talk. With a hop of 1 it would make them shake.
+_MEAN_SHARE = 0.5
 
 
 class RunningGenerator:

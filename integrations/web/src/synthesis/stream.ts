@@ -22,7 +22,7 @@ import { RunningJoin } from "./windows.js";
 const PAUSE_SECONDS = 0.3; // after the last sound, and before the hands begin to rest
 const REST_WINDOWS = 3; // of silence until a model is at rest
 const REMEMBERED_SECONDS = 60; // of returned frames, to which `clear` can go back
-const MEAN_SHARE = 0.4; // of the mean pose in the seed pose of a model that samples, see `running_generator.py`
+const MEAN_SHARE = 0.5; // of the mean pose in the seed pose of a model that samples, see `running_generator.py`
 
 /** A frame before its controls, what its time has of the agent's speech, and what it owes to the other. */
 interface Frame {
