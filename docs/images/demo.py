@@ -13,7 +13,7 @@ from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.figure import DEFAULT_LOOK, View, draw_figure, fit
 from ha2g_jax.motion.motion import Motion
 
-START, SECONDS = 5.0, 6.0
+START, SECONDS = 5.6, 6.0
 WIDTH, FIGURE, WAVE = 400, 340, 60  # pixels: width of all, heights of the figure and of the waveform
 PAPER, PAST, FUTURE = (250, 250, 252), (62, 110, 160), (190, 198, 208)
 COLOURS = 64
