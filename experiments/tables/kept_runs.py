@@ -43,7 +43,7 @@ class Kept(NamedTuple):
         """Return whether the runs are of a corpus, given by its `corpus_data`.
 
         It has the same bytes, or `ha2g data make-talk` made it in the same way: processors differ in the last bit of a
-        sample now and then, and a study goes on at another machine.
+        sample now and then, and a study may go on elsewhere.
         """
         if self.data is None:
             return False

@@ -167,7 +167,7 @@ def plan_rows(request: Request, rows: Mapping[str, tuple[str, Mapping[str, Any]]
     else:
         corpus, sha256 = Corpus.open(path), file_sha256(path / FILE)
         if kept.data is not None and kept.is_of(corpus_data(corpus.metadata, sha256)):
-            plan = Plan(corpus, kept.data["sha256"], kept, {})  # so that runs have the same names at every machine
+            plan = Plan(corpus, kept.data["sha256"], kept, {})  # so that runs have the same names on every machine
         else:
             plan = Plan(corpus, sha256, Kept(), {})
     for name, (method, changes) in rows.items():
