@@ -4,6 +4,7 @@ import functools
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy import signal
 
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.spectrum import (
@@ -19,6 +20,7 @@ from ha2g_jax.features.text import PADDING
 from ha2g_jax.skeleton import Skeleton, mirror_directions
 
 _NOISE_SECONDS = 16
+_BANDS = mel_frequencies(NUM_MELS + 2)[1:-1]  # Hz, middles of the bands of a spectrogram
 _HIGHEST_FORMANT = 4800.0  # Hz
 _EQUALIZER_POINTS = 6  # of a random frequency response, evenly spaced in mel
 _REVERBERATION_SECONDS = (0.2, 0.9)  # time in which the sound of a room falls by 60 dB
@@ -103,11 +105,10 @@ def warp_formants(mel: np.ndarray, factor: float) -> np.ndarray:
     vocal tract; those above are moved linearly, so that the highest one stays. Harmonics of the voice move with the
     formants. Values in dB are interpolated between bands.
     """
-    bands = mel_frequencies(NUM_MELS + 2)[1:-1]
     highest, border = SAMPLE_RATE / 2, _HIGHEST_FORMANT * min(factor, 1.0)
-    source = np.interp(bands, [0, border, highest], [0, border / factor, highest])
-    position = np.interp(source, bands, np.arange(len(bands)))
-    lower = np.minimum(position.astype(int), len(bands) - 2)
+    source = np.interp(_BANDS, [0, border, highest], [0, border / factor, highest])
+    position = np.interp(source, _BANDS, np.arange(NUM_MELS))
+    lower = np.minimum(position.astype(int), NUM_MELS - 2)
     share = (position - lower)[:, None].astype(np.float32)
     return (1 - share) * mel[lower] + share * mel[lower + 1]
 
@@ -132,9 +133,7 @@ def reverberate(mel: np.ndarray, seconds: float, direct_db: float) -> np.ndarray
     """
     decay = 10 ** (-6 * HOP_LENGTH / SAMPLE_RATE / seconds)
     power = np.power(10, mel.astype(np.float64) / 10)
-    tail = np.zeros_like(power)
-    for column in range(1, power.shape[1]):
-        tail[:, column] = decay * tail[:, column - 1] + (1 - decay) * power[:, column - 1]
+    tail = signal.lfilter([0, 1 - decay], [1, -decay], power)
     return np.clip(10 * np.log10(power + tail * 10 ** (-direct_db / 10)), FLOOR_DB, 0).astype(np.float32)
 
 
