@@ -170,6 +170,6 @@ axis.set_xlabel("bones, by the level that adds them")
 plt.show()
 
 # %% [markdown]
-# Above the diagonal a stage does not have the bones yet, and the mean pose is up to about 45° off. On the diagonal a
-# stage has just added them, and below it later stages correct them by 16° or less. The rows "Holistic", "w/o hand
+# Above the diagonal a stage does not have the bones yet, and the mean pose is up to about 42° off. On the diagonal a
+# stage has just added them, and below it later stages correct them by 14° or less. The rows "Holistic", "w/o hand
 # hierarchy" and "w/o body hierarchy" of Table 4 leave levels out (`config.model.inferer.levels`).
