@@ -133,7 +133,7 @@ def reverberate(mel: np.ndarray, seconds: float, direct_db: float) -> np.ndarray
     """
     decay = 10 ** (-6 * HOP_LENGTH / SAMPLE_RATE / seconds)
     power = np.power(10, mel.astype(np.float64) / 10)
-    tail = signal.lfilter([0, 1 - decay], [1, -decay], power)
+    tail = np.asarray(signal.lfilter([0, 1 - decay], [1, -decay], power))
     return np.clip(10 * np.log10(power + tail * 10 ** (-direct_db / 10)), FLOOR_DB, 0).astype(np.float32)
 
 
