@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ha2g_jax import metrics, synthesis
-from ha2g_jax.data.corpus import TRAIN, Corpus
+from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.data.records import Clip
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation import evaluate
@@ -46,7 +46,7 @@ from ha2g_jax.progress import track
 from ha2g_jax.skeleton import positions_to_directions
 from ha2g_jax.synthesis import Model
 from tables import factorial, hands, look_aheads, retrieval
-from tables.look_aheads import ABOVE_FLOOR, BEATS, EVERY, F1, FLOOR, GAIN, JERK, LOOK_AHEADS, RECALL
+from tables.look_aheads import ABOVE_FLOOR, BEATS, EVERY, F1, FLOOR, GAIN, HOP, JERK, LOOK_AHEADS, RECALL
 from tables.paper_tables import THRESHOLDS
 from tables.plan import EVALUATION_VERSION, Plan, Request, TablePlan, scores_path
 from tables.tables import MODEL, TRUTH
@@ -73,7 +73,7 @@ def score_run(run: Run, plan: TablePlan, request: Request) -> None:
 def _score(run: Run, plan: TablePlan, request: Request) -> dict[str, Any]:
     corpus = plan.corpus
     model, features = synthesis.load(run.workdir), PoseFeatures(plan.autoencoder.workdir)
-    training = training_motion(corpus, TRAIN, limit=_TRAINING_CLIPS)
+    training = training_motion(corpus, limit=_TRAINING_CLIPS)
     retrieved = _retrieve(plan, request)
     pairs, axes = {}, hands.principal_axes(corpus.skeleton, training) if request.table == factorial.TABLE else None
     scores: dict[str, Any] = {"model": model.assets.hash, "autoencoder": features.id, "splits": {}}
@@ -215,8 +215,8 @@ def score_look_aheads(run: Run, plan: Plan, split: str) -> None:
     check_fit(model, corpus)
     if not has_known_causes(corpus):
         raise UserError(f"{corpus.path} does not know the causes of its gestures; give a Talk corpus")
-    clips = list(corpus.clips(split))[::EVERY]
-    training = training_motion(corpus, TRAIN, limit=_TRAINING_CLIPS)
+    clips = corpus.clips(split)[::EVERY]
+    training = training_motion(corpus, limit=_TRAINING_CLIPS)
     truth = true(corpus, split)[::EVERY]
     performed = [positions_to_directions(corpus.skeleton, clip.positions) for clip in clips]
     known = _causes(corpus, clips, performed, model.spec.num_seed_frames)
@@ -287,7 +287,7 @@ def known_scores(row: CauseRow) -> dict[str, float | None]:
 def _generate(model: Model, clips: Sequence[Clip], look_ahead: int | None) -> list[np.ndarray]:
     name = f"look-ahead {look_aheads.title(look_ahead)}"
     return [
-        generate_clip(model, clip, clip_identity(model, clip), _SEED + index, look_ahead=look_ahead)
+        generate_clip(model, clip, clip_identity(model, clip), _SEED + index, look_ahead=look_ahead, hop=HOP)
         for index, clip in enumerate(track(clips, name, "clip"))
     ]
 

@@ -1,9 +1,12 @@
 """The motion of a clip with the sound that it goes with, from a model or from a corpus."""
 
 import dataclasses
+import functools
+import os
 import pathlib
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -14,11 +17,14 @@ from ha2g_jax.data.windows import resize_images
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.metrics.beats.times import audio_onsets
+from ha2g_jax.motion.windows import DEFAULT_HOP
 from ha2g_jax.progress import track
 from ha2g_jax.skeleton import positions_to_directions
 
 if TYPE_CHECKING:  # JAX takes seconds to import, and folders of motion do without
     from ha2g_jax.synthesis import Model
+
+Item, Value = TypeVar("Item"), TypeVar("Value")
 
 _TRAIN_CLIPS = 40  # of the training split, where no other split sets the number
 
@@ -132,9 +138,9 @@ def generated(
     return _each_clip(corpus, split, seed, limit, "generating", read)
 
 
-def training_motion(corpus: Corpus, split: str, *, limit: int, seed: int = 0) -> list[np.ndarray]:
-    """Return direction vectors (T, bones, 3) of at most `limit` clips of a split; no sound is decoded."""
-    clips = corpus.clips(split)
+def training_motion(corpus: Corpus, *, limit: int, seed: int = 0) -> list[np.ndarray]:
+    """Return direction vectors (T, bones, 3) of at most `limit` clips of the training split; no sound is decoded."""
+    clips = corpus.clips(TRAIN)
     return [_directions(corpus, clips.fields(index)["positions"]) for index in sample(len(clips), limit, seed)]
 
 
@@ -150,7 +156,13 @@ def _each_clip(
     chosen = sample(len(clips), limit, seed)
     if not chosen:
         raise UserError(f"{corpus.path} has no clip in the split {split}; choose another of {', '.join(corpus.splits)}")
-    return [read(clips, index) for index in track(chosen, title, "clip")]
+    return list(track(in_threads(functools.partial(read, clips), chosen), title, "clip", len(chosen)))
+
+
+def in_threads(function: Callable[[Item], Value], items: Iterable[Item]) -> Iterator[Value]:
+    """Yield the function of each item, in order. A stream, one short window after the other, keeps one core busy."""
+    with ThreadPoolExecutor(os.cpu_count()) as executor:
+        yield from executor.map(function, items)
 
 
 def sample(count: int, limit: int | None, seed: int) -> Sequence[int]:
@@ -215,12 +227,13 @@ def generate_clip(
     start: np.ndarray | None = None,
     has_words: bool = True,
     look_ahead: int | None = None,
+    hop: int = DEFAULT_HOP,
 ) -> np.ndarray:
     """Generate the direction vectors (T, bones, 3) of a motion for the speech of a clip, in a style (style_dim,).
 
     The model draws the start poses (seed frames, bones, 3) that are not given, and those of a stream always. A stream
-    hears `look_ahead` frames of speech beyond each frame; by default the whole clip is heard. Words are for a model
-    that reads them.
+    hears `look_ahead` frames of speech beyond each frame, and makes `hop` frames in a run; by default the whole clip is
+    heard. Words are for a model that reads them.
 
     Raises:
         UserError: the model cannot follow a stream, or not with this look-ahead.
@@ -228,7 +241,7 @@ def generate_clip(
     from ha2g_jax import synthesis
 
     if look_ahead is not None:
-        stream = model.stream(look_ahead=look_ahead, style=synthesis.Style(values=style), seed=seed)
+        stream = model.stream(look_ahead=look_ahead, hop=hop, style=synthesis.Style(values=style), seed=seed)
         return np.concatenate([stream.feed(clip.audio), stream.flush()])
     words = clip.words if has_words else ()
     return synthesis.generate_directions(model, clip.audio, style, seed, words=words, start=start)

@@ -254,7 +254,6 @@ def score_beat2(
     *,
     body_model: str | os.PathLike | None = None,
     seed: int = 0,
-    draws: int = DRAWS,
     **reading: Unpack[Reading],
 ) -> dict[str, Any]:
     """Score folders of SMPL-X motion by BC and L1div of BEAT2.
@@ -301,7 +300,7 @@ def score_beat2(
         )
         mismatched = [onsets[other] for other in others.tolist()]
         rows[MISMATCHED] = rests.Beat2Row(joints[TRUTH], mismatched, speeds, _UPPER, members, len(recordings))
-    intervals = Intervals(len(recordings), draws, seed)
+    intervals = Intervals(len(recordings), DRAWS, seed)
     scores = {name: measure(row, "beat2") for name, row in rows.items()}
     order = dict.fromkeys([*methods, TRUTH, *rows])
     results = {name: {key: intervals(score) for key, score in scores[name].items()} for name in order}
@@ -310,8 +309,7 @@ def score_beat2(
 
 
 def _read_arrays(path: pathlib.Path | None, reading: Reading) -> smplx_arrays.SmplxArrays:
-    if path is None:
-        raise UserError("the protocol beat2 needs files of SMPL-X motion")
+    assert path is not None  # of a folder
     content = read_content(path)
     try:
         return smplx_arrays.to_arrays(content.arrays, reading.get("source_fps"), reading.get("unit"))

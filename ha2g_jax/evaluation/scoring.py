@@ -132,7 +132,7 @@ def evaluate_checkpoint(
         limits = {name: limit if most is None else min(limit, most) for name, most in limits.items()}
     training = None
     if corpus.has_clips(TRAIN):
-        training = training_motion(corpus, TRAIN, limit=_TRAINING_CLIPS, seed=seed)
+        training = training_motion(corpus, limit=_TRAINING_CLIPS, seed=seed)
     sections = {}
     for name, most in limits.items():
         motions, truth = from_corpus(

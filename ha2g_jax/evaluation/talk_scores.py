@@ -17,7 +17,7 @@ from ha2g_jax.data.talk import lexicon
 from ha2g_jax.data.talk.speakers import Style
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation import talk_takes
-from ha2g_jax.evaluation.clip_result import check_fit, clip_identity, generate_clip, sample
+from ha2g_jax.evaluation.clip_result import check_fit, clip_identity, generate_clip, in_threads, sample
 from ha2g_jax.evaluation.evaluate import score_as_json
 from ha2g_jax.evaluation.talk_takes import MODEL, STILL, TEACHER, compare_takes
 from ha2g_jax.metrics.beats.strokes import TOLERANCE, match, stroke_beats, wrist_positions
@@ -102,7 +102,8 @@ def score_known_causes(
     that a motion beat meets within 0.1 s; precision is the ratio of the motion beats that meet a beat of the true
     motion, whatever causes it. In the strict F1 a motion beat that is caused by a word is wrong. A gain is the model's
     F1 less that of mismatched speech, with the error of the paired difference. The accuracy of the linear probe on
-    frozen f_high is of HA2G alone; "majority" has that of the most frequent class.
+    frozen f_high is of HA2G alone, if words of the training split have several classes; "majority" has that of the most
+    frequent class.
 
     The model takes the style of each clip from the clip's own reference frames, or from the speaker's name; `seed` is
     that of start poses, of the teacher's noise and of the samples of clips.
@@ -129,13 +130,14 @@ def score_known_causes(
             raise UserError(f"{corpus.path} ({name}) does not know its strokes; expected one of `ha2g data make-talk`")
     num_clips = sum(map(len, chosen.values()))
     num_taken = sum(min(talk_takes.MAX_CLIPS, len(clips)) for clips in chosen.values())
-    num_probed = num_clips + min(_MAX_PROBE_CLIPS, len(corpus.clips(TRAIN))) if model.has_audio_levels else 0
+    is_probed = model.has_audio_levels and corpus.has_clips(TRAIN)
+    num_probed = num_clips + min(_MAX_PROBE_CLIPS, len(corpus.clips(TRAIN))) if is_probed else 0
     with progress_bar("scoring against known causes", num_clips + num_taken + num_probed, "clip") as progress:
         results = {
             name: _score_split(model, corpus, clips, seed, look_ahead, by_speaker, progress)
             for name, clips in chosen.items()
         }
-        accuracies = _probe(model, corpus, chosen, seed, progress) if model.has_audio_levels else {}
+        accuracies = _probe(model, corpus, chosen, seed, progress) if is_probed else {}
     for name, (own, majority) in accuracies.items():
         for row, predictions in ((MODEL, own), (MAJORITY, majority)):
             accuracy = score_as_json(PROBE_ACCURACY.measure(predictions))
@@ -165,14 +167,17 @@ def _score_split(
     def add(name: str, truth: Truth, directions: np.ndarray) -> None:
         trials[name].append(Trial(truth, observe(skeleton, directions, fps)))
 
-    truths = [known_truth(skeleton, clip, fps) for clip in clips]
-    for index, (clip, truth) in enumerate(zip(clips, truths, strict=True)):
+    def generate(index: int, *, has_words: bool = True) -> np.ndarray:
+        clip = clips[index]
         style = clip_identity(model, clip)
-        directions = generate_clip(model, clip, style, seed + index, look_ahead=look_ahead)
+        return generate_clip(model, clip, style, seed + index, has_words=has_words, look_ahead=look_ahead)
+
+    for index, directions in enumerate(in_threads(generate, range(len(clips)))):
+        truth = known_truth(skeleton, clips[index], fps)
         add(MODEL, truth, directions)
         if model.reads_words:
-            add(WORDLESS, truth, generate_clip(model, clip, style, seed + index, has_words=False))
-        add(TEACHER, truth, talk_takes.teach(skeleton, clip, [seed, index], fps))
+            add(WORDLESS, truth, generate(index, has_words=False))
+        add(TEACHER, truth, talk_takes.teach(skeleton, clips[index], [seed, index], fps))
         add(STILL, truth, np.broadcast_to(skeleton.mean_directions, directions.shape))
         progress.update()
     made = {name: cause_row(row, fps, first_frame) for name, row in trials.items() if row}
@@ -402,8 +407,12 @@ def predict_classes(train: ProbeWords, splits: Mapping[str, ProbeWords]) -> dict
     decoder. It is outside of the objective; no label reaches the model.
 
     Returns:
-        {split: the predictions, and those of the most frequent class of `train` each time}, of splits with words.
+        {split: the predictions, and those of the most frequent class of `train` each time}, of splits with words; {}
+        if the training clips have fewer than two classes.
     """
+    names, counts = np.unique(train.classes, return_counts=True)
+    if len(names) < 2:
+        return {}
     from sklearn.exceptions import ConvergenceWarning
     from sklearn.linear_model import LogisticRegression
     from sklearn.pipeline import make_pipeline
@@ -414,7 +423,6 @@ def predict_classes(train: ProbeWords, splits: Mapping[str, ProbeWords]) -> dict
         # Features of an untrained encoder may be constant; the probe is then at its floor, which the table shows.
         warnings.simplefilter("ignore", ConvergenceWarning)
         model.fit(train.features, train.classes)
-    names, counts = np.unique(train.classes, return_counts=True)
     most = names[np.argmax(counts)]
     return {
         split: (

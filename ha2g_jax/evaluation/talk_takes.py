@@ -1,5 +1,6 @@
 """Take a model and the teacher of the Talk corpus several times on the same speech, for the metrics of takes."""
 
+import functools
 from collections.abc import Sequence
 
 import numpy as np
@@ -8,7 +9,7 @@ from tqdm import tqdm
 from ha2g_jax.data.records import Clip
 from ha2g_jax.data.talk import teacher
 from ha2g_jax.data.talk.speakers import Style
-from ha2g_jax.evaluation.clip_result import clip_identity, generate_clip
+from ha2g_jax.evaluation.clip_result import clip_identity, generate_clip, in_threads
 from ha2g_jax.metrics.beats.strokes import wrist_positions
 from ha2g_jax.metrics.takes import TakeDistances, take_distances
 from ha2g_jax.skeleton import Skeleton, positions_to_directions
@@ -34,7 +35,8 @@ def compare_takes(
     for index, clip in enumerate(clips):
         style = clip_identity(model, clip)
         taught = [teach(skeleton, clip, [seed, index, take], model.fps) for take in range(TEACHER_TAKES)]
-        made = [generate_clip(model, clip, style, seed + take, look_ahead=look_ahead) for take in range(MODEL_TAKES)]
+        generate = functools.partial(generate_clip, model, clip, style, look_ahead=look_ahead)
+        made = list(in_threads(generate, range(seed, seed + MODEL_TAKES)))
         scored = slice(model.spec.num_seed_frames, min(map(len, (*taught, *made))))
         true, own = (np.stack([wrist_positions(skeleton, take[scored]) for take in takes]) for takes in (taught, made))
         still = np.broadcast_to(wrist_positions(skeleton, skeleton.mean_directions[None]), own[:1].shape)

@@ -1,5 +1,6 @@
 """Uncertainty of scores: bootstrap intervals, jackknife standard errors, and p-values corrected for their number."""
 
+import functools
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -42,11 +43,7 @@ def bootstrap(
     value = float(statistic(np.ones(num_clusters, np.int64)))
     if num_clusters < 2:
         return Interval(value, np.nan, np.nan)
-    rng = np.random.default_rng(seed)
-    scores = np.empty(draws)
-    for draw in range(draws):
-        drawn = rng.integers(num_clusters, size=num_clusters)
-        scores[draw] = statistic(np.bincount(drawn, minlength=num_clusters))
+    scores = np.array([statistic(counts) for counts in _resamples(num_clusters, draws, seed)])
     scores = scores[~np.isnan(scores)]
     if not len(scores):
         return Interval(value, np.nan, np.nan)
@@ -54,6 +51,14 @@ def bootstrap(
     with np.errstate(invalid="ignore"):  # between two infinite scores there is no number
         low, high = np.quantile(scores, [tail, 1 - tail]).tolist()
     return Interval(value, low, high)
+
+
+@functools.lru_cache(maxsize=4)  # for every metric of every row
+def _resamples(num_clusters: int, draws: int, seed: int) -> np.ndarray:
+    """Draw as many clusters as there are, with replacement, and count each, (draws, G)."""
+    drawn = np.random.default_rng(seed).integers(num_clusters, size=(draws, num_clusters))
+    places = drawn + num_clusters * np.arange(draws)[:, None]
+    return np.bincount(places.ravel(), minlength=draws * num_clusters).reshape(draws, num_clusters)
 
 
 class Estimate(NamedTuple):

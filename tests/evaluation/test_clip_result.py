@@ -41,7 +41,7 @@ def test_a_sample_is_of_the_same_clips_on_both_sides(debug_model, corpus):
     assert len(true) == 2
     assert [clip.id for clip in generated] == [clip.id for clip in true]
     assert true[0].audio is None
-    training = clip_result.training_motion(corpus, "train", limit=2, seed=1)
+    training = clip_result.training_motion(corpus, limit=2, seed=1)
     for motion, clip in zip(training, true, strict=True):
         np.testing.assert_array_equal(motion, clip.directions)
 
@@ -53,6 +53,10 @@ def test_a_stream_is_scored_by_what_it_returns(debug_model, corpus):
     expected = np.concatenate([stream.feed(clip.audio), stream.flush()])
     np.testing.assert_array_equal(streamed[0].directions, expected)
     assert streamed[0].borders == ()
+    style = clip_identity(debug_model, clip)
+    coarse = clip_result.generate_clip(debug_model, clip, style, 0, look_ahead=3, hop=8)
+    stream = debug_model.stream(look_ahead=3, hop=8, style=Style(values=style))
+    np.testing.assert_array_equal(coarse, np.concatenate([stream.feed(clip.audio), stream.flush()]))
 
 
 def test_of_the_training_split_as_many_clips_are_scored_as_another_has(corpus):

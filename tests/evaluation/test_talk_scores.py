@@ -172,6 +172,13 @@ def test_probe_learns_what_is_there_and_not_what_is_not():
         assert isinstance(majority, Estimate) and 0.2 < majority.value < 0.5
 
 
+def test_words_of_one_class_teach_a_probe_nothing():
+    clips = np.arange(3).astype(str)
+    for count in (0, 3):
+        train = ProbeWords(np.zeros((count, 8)), np.full(count, "count"), clips[:count])
+        assert predict_classes(train, {"test": ProbeWords(np.zeros((3, 8)), np.full(3, "count"), clips)}) == {}
+
+
 def test_identity_of_a_clip_is_what_the_model_encodes(debug_model, tiny_talk):
     clip = Corpus.open(tiny_talk).clips("test")[0]
     f_id = clip_identity(debug_model, clip)
