@@ -69,7 +69,7 @@ class Kept(NamedTuple):
 
 def corpus_data(metadata: Mapping[str, Any], sha256: str) -> dict[str, Any]:
     """Return what a table says of its corpus, from the `dataset.json` and its hash: {"sha256", "metadata"}."""
-    facts = {name: metadata[name] for name in ("name", "source", "skeleton", "fps")}
+    facts = {name: metadata[name] for name in ("name", "source", "skeleton", "fps", "division") if name in metadata}
     splits = {name: {"clips": split["clips"]} for name, split in metadata["splits"].items()}
     return {"sha256": sha256, "metadata": facts | {"splits": splits}}
 

@@ -10,7 +10,7 @@ from tables.claims import HELD, NOT_HELD, UNDECIDED, Measured, Spread, combine, 
 from tables.plan import Plan, Request, plan_rows
 from tables.workdirs import Run, is_finished, read_stored, scores_file
 
-Scores = Mapping[str, Any]  # of one run at one look-ahead, as `scores.score_run` stores them
+Scores = Mapping[str, Any]  # of one run at one look-ahead, as `scores.score_look_aheads` stores them
 Curves = Mapping[str, Mapping[int | None, Mapping[int, Scores]]]  # setting -> look-ahead -> seed -> scores
 
 TABLE = "latency"  # of a request

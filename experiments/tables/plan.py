@@ -55,7 +55,7 @@ class Request(NamedTuple):
     Attributes:
         table: one of `paper_tables.TABLES`, "factorial", or "latency".
         data: one of `presets.DATA`.
-        size: one of `config.SIZES`.
+        size: one of `presets.SIZES`.
         path: folder of the corpus; "" for the Talk corpus, which is made on first use.
         changes: dotted name of a setting -> value, for every row but not for the auto-encoder.
         has_training: whether to train missing runs; False only evaluates existing ones.

@@ -103,7 +103,7 @@ def _draw(windows: Windows, augmentation: Augmentation, index: int, rng: np.rand
         windows.skeleton,
         windows.num_training_speakers,
         rng,
-        clip_power=windows.clip_power(index),
+        clip_power=windows.clip_power(index) if augmentation.noise else 0.0,
         start_frame=windows.start_frame(index, delay),
         fps=windows.fps,
     )

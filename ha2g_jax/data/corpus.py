@@ -97,7 +97,7 @@ class Clips(Sequence[Clip]):
 
 
 def _open_shard(shard: pathlib.Path) -> array_record_data_source.ArrayRecordDataSource:
-    if not os.access(shard, os.R_OK):
+    if shard.exists() and not os.access(shard, os.R_OK):
         raise UserError(f"{shown(shard)} cannot be read by this user; change its permissions (chmod a+r)")
     try:
         return array_record_data_source.ArrayRecordDataSource([str(shard)])

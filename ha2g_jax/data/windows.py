@@ -24,7 +24,7 @@ class Track(NamedTuple):
     Attributes:
         directions: (T, bones, 3) float32 direction vectors.
         images: (M, S, S, 3) uint8 images of the speaker, None if identities come from a table.
-        power: mean power of the sound, see `features.audio.sound_power`; 0 without the input "mel".
+        power: mean power of the sound, see `features.spectrum.sound_power`; 0 without the input "mel".
     """
 
     speech: Speech
@@ -92,13 +92,18 @@ class WindowIndex(NamedTuple):
     lasts: np.ndarray
 
 
+class NoWindow(UserError):
+    """A split has no window that a model can use."""
+
+
 def make_index(
     corpus: Corpus, split: str, num_frames: int, num_images: int = 0, among: Container[str] | None = None
 ) -> WindowIndex:
     """Index the windows of a split, see `Windows`; audio and images stay compressed.
 
     Raises:
-        UserError: no clip has a window of N frames, or the named record is damaged or has too few images.
+        NoWindow: no clip has a window of N frames.
+        UserError: the named record is damaged or has too few images.
     """
     clips = corpus.clips(split)
     speaker_index = {name: index for index, name in enumerate(corpus.speakers)}
@@ -120,7 +125,7 @@ def make_index(
         counts.append(len(fitting))
     if not sum(counts):
         whose = "" if among is None else "of a speaker of training "
-        raise UserError(
+        raise NoWindow(
             f"no clip {whose}in split {split!r} of {corpus.path} has a window of {num_frames} frames; "
             "lower data.num_frames, or give more data"
         )
@@ -150,7 +155,8 @@ class Windows:
         cache_bytes: maximum memory for decoded clips.
 
     Raises:
-        UserError: the split has no window of N frames, an unusable record, or too few images.
+        NoWindow: the split has no window of N frames.
+        UserError: it has an unusable record, or too few images.
     """
 
     def __init__(

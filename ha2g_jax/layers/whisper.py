@@ -83,7 +83,8 @@ class WhisperEncoder(nn.Module):
         """Return the features after each block.
 
         Args:
-            mel: (B, num_mels, columns) log-mel spectrogram of `asr_mel.asr_log_mel`, with an even number of columns.
+            mel: (B, num_mels, columns) log-mel spectrogram of `features.spectrum.asr_log_mel`, with an even number of
+                columns.
 
         Returns:
             `layers` arrays (B, columns / 2, d_model), position p centred on column 2 p; the last one is the normalised
@@ -148,7 +149,7 @@ class AsrAudioEncoder(nn.Module):
 
     @nn.compact
     def __call__(self, asr_mel: jax.Array, *, train: bool) -> Features:
-        """Map the mel (B, num_mels, columns) of `asr_mel.asr_window` to features (B, N, feature_dim).
+        """Map the mel (B, num_mels, columns) of `features.spectrum.asr_window` to features (B, N, feature_dim).
 
         Nothing here depends on `train`: Whisper has no dropout.
         """

@@ -194,7 +194,7 @@ def _blame(path: str) -> Iterator[None]:
         raise UserError(f"{path} cannot be used ({reason(error)}); export the model again") from error
 
 
-def write_page_description(path: str | pathlib.Path, seeds: int = NUM_SEEDS) -> pathlib.Path:
+def write_page_description(path: str | pathlib.Path) -> pathlib.Path:
     """Write `page_description` of an ONNX file as model.json beside it, and return its path.
 
     Raises:
@@ -202,7 +202,7 @@ def write_page_description(path: str | pathlib.Path, seeds: int = NUM_SEEDS) -> 
     """
     out = pathlib.Path(path).with_name("model.json")
     with whole_file(out) as temporary:
-        temporary.write_text(json.dumps(page_description(path, seeds), separators=(",", ":")), encoding="utf-8")
+        temporary.write_text(json.dumps(page_description(path), separators=(",", ":")), encoding="utf-8")
     return out
 
 

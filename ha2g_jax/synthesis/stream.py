@@ -294,7 +294,7 @@ class Stream:
         """
         self._check_open()
         first = self._num_returned if frame is None else frame
-        oldest = max(self._num_returned - _REMEMBERED_SECONDS * self.fps, 0)
+        oldest = self._num_returned - (len(self._recent) - self._join.first)
         if not oldest <= first <= self._num_returned:
             raise UserError(f"frame {first} is not remembered; clear one of {oldest} to {self._num_returned}")
         course = np.stack([each.pose for each in (*self._recent, *self._held, *self._expected)])

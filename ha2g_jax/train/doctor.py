@@ -21,7 +21,7 @@ from ha2g_jax.layers.cpu.onednn.library import used_version
 from ha2g_jax.methods import build
 from ha2g_jax.progress import counted, stage, track
 from ha2g_jax.train import inputs
-from ha2g_jax.train.fits import check_machine
+from ha2g_jax.train.fits import check_augmentation, check_machine
 from ha2g_jax.train.measure import TimedStep, gib
 from ha2g_jax.train.run_record import installed
 
@@ -103,9 +103,13 @@ def host_memory() -> tuple[int | None, int | None]:
         total, available = sizes["MemTotal:"], sizes["MemAvailable:"]
     elif {"SC_PAGE_SIZE", "SC_PHYS_PAGES"} <= getattr(os, "sysconf_names", {}).keys():
         total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    limit, used = _CONTAINER / "memory.max", _CONTAINER / "memory.current"
-    if total and available and limit.exists() and used.exists() and (size := limit.read_text().strip()) != "max":
-        total, available = min(total, int(size)), min(available, int(size) - int(used.read_text()))
+    files = [_CONTAINER / f"memory.{name}" for name in ("max", "current", "stat")]
+    if total and available and all(map(pathlib.Path.exists, files)):
+        size, used, parts = (file.read_text().strip() for file in files)
+        if size != "max":
+            # What was read from files is in memory too, and is dropped when the memory is needed.
+            cached = next(int(line.split()[1]) for line in parts.splitlines() if line.startswith("inactive_file "))
+            total, available = min(total, int(size)), min(available, int(size) - int(used) + cached)
     return total, available
 
 
@@ -215,6 +219,8 @@ def _split(config: Config, corpus: Corpus, split: str) -> Finding:
             vocabulary = corpus.vocabulary()
             spec = build(config, corpus.skeleton, len(vocabulary), len(corpus.speakers_of(TRAIN)))
             if split == TRAIN:
+                check_augmentation(config, spec)
+                inputs.pretrained(config, spec, vocabulary)
                 values["windows"] = len(inputs.open_windows(config, spec, corpus, vocabulary, split))
             elif windows := inputs.open_validation(config, spec, corpus, vocabulary):
                 values["windows"] = len(windows)

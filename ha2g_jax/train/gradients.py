@@ -4,6 +4,7 @@ The terms of Eq. 9 have units of their own, so that neither their values nor the
 what is learned. The norms of their gradients do.
 """
 
+import contextlib
 import functools
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -116,7 +117,8 @@ def _measure(config: Config, corpus: Corpus, trained: tuple[str, dict[str, Any]]
     """Return the fields of `TermGradients` for a new generator, or for that of (name, variables)."""
     objective, vocabulary = _build(config, corpus), corpus.vocabulary()
     windows = inputs.open_windows(config, objective.spec, corpus, vocabulary, TRAIN)
-    batch = next(inputs.training_batches(config, windows, 0))
+    with contextlib.closing(inputs.training_batches(config, windows, 0)) as batches:
+        batch = next(batches)
     key = jax.random.key(config.seed)
     with stage("initialising the networks"):
         state = init_state(objective, key, {} if trained else inputs.pretrained(config, objective.spec, vocabulary))

@@ -31,6 +31,7 @@ EVENTS = "tensorboard"
 _WANDB_PATIENCE = 15.0  # seconds
 _STOP = "stop"
 _TOTAL = "loss/total"
+_RATIO = "gradient_ratio/"  # begins names of metrics
 _NOTICEABLE = 5.0  # percent of time spent waiting from which the progress bar shows it
 
 
@@ -275,10 +276,11 @@ class StepLog:
     def _write(self, step: int) -> None:
         if not self._num_steps:
             return
-        # A ratio is that of the step of the line, and 0 in all others.
+        # A ratio is that of the step of the line, and 0 in all others; the line before a failure has none.
         line = {
-            name: value / (1 if name.startswith("gradient_ratio/") else self._num_steps)
+            name: value / (1 if name.startswith(_RATIO) else self._num_steps)
             for name, value in self._sums.items()
+            if not name.startswith(_RATIO) or self._is_due(step)
         }
         if self._compile_seconds is not None and not self._is_compile_reported:
             line["compile_seconds"] = self._compile_seconds

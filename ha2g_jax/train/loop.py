@@ -149,8 +149,8 @@ def _train(
         pending=record.get("log"),
     )
     split, drawn = (inputs.VALIDATION, held_out) if held_out else (TRAIN, windows)
-    sample_clip = corpus.clips(split)[drawn.clip_index(0)]
-    sample_every = config.train.sample_every if hosts.is_first() else 0
+    sample_every = config.train.sample_every if draw_sample and hosts.is_first() else 0
+    sample_clip = corpus.clips(split)[drawn.clip_index(0)] if sample_every else None
     trace = Profile(workdir / PROFILE if profile and hosts.is_first() else None)
 
     def trained() -> tuple[Any, Assets]:

@@ -391,6 +391,8 @@ def test_a_clear_goes_back_a_minute(debug_model):
         with pytest.raises(UserError, match=f"frame {frame} is not remembered; clear one of {count - 900} to {count}"):
             stream.clear(frame)
     assert stream.clear(count - 900) == count - 900
+    with pytest.raises(UserError, match=f"clear one of {count - 900} to {count - 900}"):  # nothing before is known
+        stream.clear(count - 901)
 
 
 def test_arguments_are_checked_and_after_the_end_is_no_more(debug_model):

@@ -47,6 +47,13 @@ def test_without_a_validation_split(config, tiny_talk, tmp_path):
         assert inputs.open_validation(config, spec_of(config, corpus), corpus, corpus.vocabulary()) is None
 
 
+def test_with_validation_clips_shorter_than_a_window(config, tiny_talk, tmp_path):
+    clip = Corpus.open(tiny_talk).clips("train")[0]
+    clips = {"train": [clip], "val": [dataclasses.replace(clip, id="short", positions=clip.positions[:33])]}
+    corpus = Corpus.open(write_corpus(tmp_path / "corpus", clips, skeleton="ted_expressive"))
+    assert inputs.open_validation(config, spec_of(config, corpus), corpus, corpus.vocabulary()) is None
+
+
 def test_a_table_knows_the_speakers_of_training(config, tiny_talk, tmp_path):
     """With images any speaker can be used for validation; with a table only those that have a row."""
     corpus = divide(tiny_talk, tmp_path / "corpus", train="ada", val="ben", test="ada")
