@@ -21,11 +21,11 @@ from typing import Any
 
 from tables.plan import plan_grid
 from tables.runs import Stop, Stopped, run_all, run_logged, stop_signals
-from tables.workdirs import VALIDATION, Run, is_finished
+from tables.workdirs import Run, is_finished
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.writing import whole_file, writing
-from ha2g_jax.train.workdir import METRICS, read_metrics
+from ha2g_jax.train.workdir import METRICS, VALIDATION_PREFIX, read_metrics
 
 TRAIN = (sys.executable, "-m", "ha2g_jax.cli", "train")
 SEED = "seed"
@@ -119,7 +119,10 @@ def _progress(workdir: pathlib.Path) -> dict[str, Any]:
     """Return the last step of a run and its last validation scores."""
     path = workdir / METRICS
     lines = read_metrics(path) if path.is_file() else []
-    scores = [{k.removeprefix(VALIDATION): v for k, v in line.items() if k.startswith(VALIDATION)} for line in lines]
+    scores = [
+        {k.removeprefix(VALIDATION_PREFIX): v for k, v in line.items() if k.startswith(VALIDATION_PREFIX)}
+        for line in lines
+    ]
     last = next((line for line in reversed(scores) if line), {})
     return {"step": lines[-1]["step"] if lines else 0, "validation": last}
 

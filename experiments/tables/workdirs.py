@@ -8,16 +8,14 @@ import pathlib
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+from ha2g_jax.checkpoint import BEST, CHECKSUMS, CONFIG, LATEST, RUN
 from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import file_sha256
-from ha2g_jax.train.workdir import METRICS, read_metrics
-
-VALIDATION = "validation/"
+from ha2g_jax.train.workdir import METRICS, VALIDATION_PREFIX, read_metrics
 
 _SPEED = "windows_per_second"  # of the steps since the line of metrics before
 
-_HASHES = "SHA256SUMS"  # of a checkpoint
 _HASH_DIGITS = 10
 _TAIL = 4096  # bytes at the end of metrics.jsonl that contain its last line
 
@@ -61,7 +59,7 @@ class Record(NamedTuple):
 
     def validated(self, term: str) -> float | None:
         """Return a term on the validation split at the step of the checkpoint that is scored, None if not logged."""
-        name = f"{VALIDATION}{term}"
+        name = f"{VALIDATION_PREFIX}{term}"
         return next((line[name] for line in self.validation if line["step"] == self.scored_step and name in line), None)
 
 
@@ -79,10 +77,10 @@ def record_of(run: Run, scores: Mapping[str, Any] | None) -> Record:
         run.name,
         run.seed,
         json.loads(run.config.to_json()),
-        (read_stored(run.workdir / "run.json") or {"starts": []})["starts"],
+        (read_stored(run.workdir / RUN) or {"starts": []})["starts"],
         last_step(run),
         checkpoint_step(run),
-        [line for line in lines if any(name.startswith(VALIDATION) for name in line)],
+        [line for line in lines if any(name.startswith(VALIDATION_PREFIX) for name in line)],
         scores,
         sum(seconds) / 3600,
     )
@@ -90,9 +88,9 @@ def record_of(run: Run, scores: Mapping[str, Any] | None) -> Record:
 
 def is_finished(run: Run) -> bool:
     """Return whether the workdir has the checkpoint of the last step of exactly this config."""
-    if not (run.workdir / "latest" / str(run.config.train.steps)).is_dir():
+    if not (run.workdir / LATEST / str(run.config.train.steps)).is_dir():
         return False
-    stored = read_stored(run.workdir / "config.json")
+    stored = read_stored(run.workdir / CONFIG)
     return stored is not None and without_path(stored) == without_path(json.loads(run.config.to_json()))
 
 
@@ -103,8 +101,8 @@ def without_path(config: Mapping[str, Any]) -> dict[str, Any]:
 
 def checkpoint_folder(run: Run) -> pathlib.Path | None:
     """Return the folder of the checkpoint to score, the best on the validation split or else the latest, or None."""
-    for folder in (run.workdir / "best", run.workdir / "latest"):
-        steps = [path for path in folder.glob("*") if path.name.isdecimal() and (path / _HASHES).is_file()]
+    for folder in (run.workdir / BEST, run.workdir / LATEST):
+        steps = [path for path in folder.glob("*") if path.name.isdecimal() and (path / CHECKSUMS).is_file()]
         if steps:
             return max(steps, key=lambda path: int(path.name))
     return None
@@ -130,7 +128,7 @@ def last_step(run: Run) -> int:
 def weights_digest(run: Run) -> str | None:
     """Return a hash of the weights to score, of a workdir or a model folder, or None without weights."""
     folder = checkpoint_folder(run)
-    file = run.workdir / "model.safetensors" if folder is None else folder / _HASHES
+    file = run.workdir / "model.safetensors" if folder is None else folder / CHECKSUMS
     return file_sha256(file) if file.is_file() else None
 
 

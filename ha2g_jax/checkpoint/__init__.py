@@ -6,4 +6,5 @@ CONFIG, ASSETS, WEIGHTS = (
     "model.safetensors",
 )  # of a model folder
 BEST, LATEST, FAILED = "best", "latest", "failed"  # folders of checkpoints in a workdir
+CHECKSUMS = "SHA256SUMS"  # of a checkpoint
 RUN = "run.json"  # record of a workdir

@@ -26,12 +26,11 @@ import orbax.checkpoint as ocp
 import tqdm
 from jax.experimental import multihost_utils
 
+from ha2g_jax.checkpoint import CHECKSUMS
 from ha2g_jax.checkpoint.state import TrainState
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import file_sha256, read_json, shown
 from ha2g_jax.limits import MAX_RECORD_BYTES
-
-CHECKSUMS = "SHA256SUMS"
 
 _NONE, _ALL_DAMAGED = -1, -2  # sent by the first process to the others in place of a step
 _REMOVALS = 10  # attempts to remove temporary folders

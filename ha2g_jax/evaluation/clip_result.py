@@ -24,7 +24,8 @@ from ha2g_jax.skeleton import positions_to_directions
 if TYPE_CHECKING:  # JAX takes seconds to import, and folders of motion do without
     from ha2g_jax.synthesis import Model
 
-Item, Value = TypeVar("Item"), TypeVar("Value")
+Item = TypeVar("Item")
+Value = TypeVar("Value")
 
 _TRAIN_CLIPS = 40  # of the training split, where no other split sets the number
 

@@ -34,7 +34,7 @@ from ha2g_jax.train import fits, hosts, inputs, run_record, sharding
 from ha2g_jax.train.log import NotFinite, StepLog, Writer
 from ha2g_jax.train.measure import Profile
 from ha2g_jax.train.objective import Objective, build_objective, init_state
-from ha2g_jax.train.workdir import only_run
+from ha2g_jax.train.workdir import VALIDATION_PREFIX, only_run
 
 SAMPLES, PROFILE = "samples", "profile"
 
@@ -192,7 +192,7 @@ def _train(
                         log.flush()
                         with _stage("validating"):
                             scores = validate(state, key)
-                        writer.write(step, {f"validation/{name}": value for name, value in scores.items()})
+                        writer.write(step, {f"{VALIDATION_PREFIX}{name}": value for name, value in scores.items()})
                         if scores[config.train.best_by] < best_score:
                             best_score = scores[config.train.best_by]
                             save(best)

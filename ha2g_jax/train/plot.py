@@ -12,8 +12,8 @@ import numpy as np
 from ha2g_jax.errors import UserError, require
 from ha2g_jax.files.reading import shown
 from ha2g_jax.files.writing import whole_file
-from ha2g_jax.train.runs import DAMAGED, VALIDATION, Line, Run, as_table, find_workdirs, make_lines, read_runs
-from ha2g_jax.train.workdir import METRICS, read_metrics
+from ha2g_jax.train.runs import DAMAGED, Line, Run, as_table, find_workdirs, make_lines, read_runs
+from ha2g_jax.train.workdir import METRICS, VALIDATION_PREFIX, read_metrics
 
 SMOOTHING = 0.04  # width of the running mean as a fraction of the steps
 
@@ -90,11 +90,11 @@ def _draw(lines: Sequence[Line], width: float) -> Any:
     from matplotlib.figure import Figure
 
     metrics = {run.path: _metrics(run) for line in lines for run in line.runs}
-    terms = dict.fromkeys(name.removeprefix(VALIDATION) for by_name in metrics.values() for name in by_name)
+    terms = dict.fromkeys(name.removeprefix(VALIDATION_PREFIX) for by_name in metrics.values() for name in by_name)
     names = [
         name
         for term in sorted(terms, key=lambda term: not term.startswith("loss/"))
-        for name in (term, VALIDATION + term)
+        for name in (term, VALIDATION_PREFIX + term)
         if any(name in by_name for by_name in metrics.values())
     ]
     num_rows = -(-len(names) // 2)
@@ -105,7 +105,7 @@ def _draw(lines: Sequence[Line], width: float) -> Any:
         axes = figure.add_subplot(num_rows, 2, place)
         for number, line in enumerate(lines):
             series = [metrics[run.path][name] for run in line.runs if name in metrics[run.path]]
-            if not name.startswith(VALIDATION):
+            if not name.startswith(VALIDATION_PREFIX):
                 series = [(steps, running_mean(steps, values, width)) for steps, values in series]
             if series:
                 style: Any = {"color": f"C{number % 10}", "gid": f"line-{number}"}

@@ -12,10 +12,9 @@ from ha2g_jax.checkpoint import CONFIG, FAILED, LATEST, RUN
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import read_json, reading, reason, resolved, shown
 from ha2g_jax.limits import MAX_CONFIG_BYTES, MAX_RECORD_BYTES
-from ha2g_jax.train.workdir import LOCK, METRICS, is_training, read_metrics
+from ha2g_jax.train.workdir import LOCK, METRICS, VALIDATION_PREFIX, is_training, read_metrics
 
 STATES = RUNNING, FINISHED, FAILING, STOPPED, DAMAGED = ("running", "finished", "failed", "stopped", "damaged")
-VALIDATION = "validation/"
 SEED = "seed"
 
 _ABSENT = "-"  # shown for a setting that a run does not have
@@ -125,10 +124,10 @@ def _read_run(path: pathlib.Path, name: str) -> Run:
     try:
         settings = _flat(read_json(path / CONFIG, "the config of a run", MAX_CONFIG_BYTES))
         best_by, steps = settings["train.best_by"], settings["train.steps"]
-        rows = read_metrics(path / METRICS, f'"{VALIDATION}') if (path / METRICS).exists() else []
+        rows = read_metrics(path / METRICS, f'"{VALIDATION_PREFIX}') if (path / METRICS).exists() else []
         logged = int(rows[-1]["step"]) if rows else 0
         step = max([logged, *_checkpoints(path / LATEST)])
-        scores = [(row[VALIDATION + best_by], row["step"]) for row in rows if VALIDATION + best_by in row]
+        scores = [(row[VALIDATION_PREFIX + best_by], row["step"]) for row in rows if VALIDATION_PREFIX + best_by in row]
         least = min((score for score in scores if math.isfinite(score[0])), default=None)
         best = Best(best_by, least[0], int(least[1])) if least else None
         return Run(name, path, *_state(path, logged, steps), settings, step, steps, best, changed)

@@ -15,6 +15,7 @@ from ha2g_jax.files.reading import shown
 from ha2g_jax.files.writing import whole_file, writing
 
 METRICS, LOCK = "metrics.jsonl", "training.lock"
+VALIDATION_PREFIX = "validation/"  # begins the names of the metrics of the validation split
 
 CONTINUE = "correct this, then the same command continues"  # advice where a file cannot be written
 

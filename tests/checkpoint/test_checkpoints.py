@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 from jax.sharding import Mesh, NamedSharding, PartitionSpec, SingleDeviceSharding
 
-from ha2g_jax.checkpoint.checkpoints import CHECKSUMS, Checkpoints
+from ha2g_jax.checkpoint import CHECKSUMS
+from ha2g_jax.checkpoint.checkpoints import Checkpoints
 from ha2g_jax.checkpoint.state import Network, TrainState
 from ha2g_jax.errors import UserError
 
