@@ -31,7 +31,7 @@ DATA: dict[str, tuple[str, Changes]] = {
     "video": ("ted_expressive", {"data.jitter": 9}),
 }
 
-_SMALL = {  # two CPU cores train it in about an hour
+_SMALL = {  # two CPU cores train it in one to two hours
     "data.image_size": 32,
     "model.audio.resnet_se.blocks": (1, 1, 1, 1),
     "model.audio.resnet_se.channels": (16, 32, 64, 128),

@@ -1,7 +1,7 @@
 """The settings of a run: one table of names, defaults, ranges and meanings, from which a config is made and checked.
 
 A config is one `ml_collections.ConfigDict`. Only the launcher, the command line, checkpoints and the functions that
-build networks and objectives read it; elsewhere modules take their own fields and functions take arguments. D1 to D19
+build networks and objectives read it; elsewhere modules take their own fields and functions take arguments. D1 to D20
 are decisions where the paper is silent, see docs/model.md.
 """
 
