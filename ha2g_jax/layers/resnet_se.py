@@ -10,7 +10,7 @@ import numpy as np
 from flax import linen as nn
 
 from ha2g_jax.features.audio import SAMPLE_RATE
-from ha2g_jax.features.spectrum import HOP_LENGTH
+from ha2g_jax.features.spectrum import HOP_LENGTH, window_columns
 from ha2g_jax.layers import initializers
 from ha2g_jax.layers.conv import BatchNorm, Conv, run_block
 from ha2g_jax.layers.resampling import frame_centres, interpolate
@@ -179,7 +179,16 @@ class AudioEncoder(nn.Module):
 
     @nn.compact
     def __call__(self, mel: jax.Array, *, train: bool) -> Features:
-        """Map the mel (B, 128, columns) of a window of N frames in dB, -80 to 0, to features (B, N, feature_dim)."""
+        """Map the mel (B, 128, columns) of a window in dB, -80 to 0, to features (B, N, feature_dim).
+
+        Raises:
+            ValueError: the mel is not as long as N frames.
+        """
+        expected = window_columns(self.num_frames, self.fps)
+        if mel.shape[-1] != expected:
+            raise ValueError(
+                f"a mel of {mel.shape[-1]} columns; expected {expected} for {self.num_frames} frames at {self.fps} fps"
+            )
         x = (mel if self.reads_decibels else mel / MEL_RANGE + 1)[..., None]  # D3
         run = functools.partial(run_block, train=train, is_recomputed=self.is_recomputed)
         x = run(Stem(self.channels[0], self.stem_stride, name="stem"), x)
