@@ -8,7 +8,7 @@ import pathlib
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from ha2g_jax.checkpoint import BEST, CHECKSUMS, CONFIG, LATEST, RUN
+from ha2g_jax.checkpoint import BEST, CHECKSUMS, CONFIG, LATEST, RUN, WEIGHTS
 from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import file_sha256
@@ -128,7 +128,7 @@ def last_step(run: Run) -> int:
 def weights_digest(run: Run) -> str | None:
     """Return a hash of the weights to score, of a workdir or a model folder, or None without weights."""
     folder = checkpoint_folder(run)
-    file = run.workdir / "model.safetensors" if folder is None else folder / CHECKSUMS
+    file = run.workdir / WEIGHTS if folder is None else folder / CHECKSUMS
     return file_sha256(file) if file.is_file() else None
 
 

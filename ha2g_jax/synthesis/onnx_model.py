@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ha2g_jax.checkpoint import ASSETS, CONFIG, hub
+from ha2g_jax.checkpoint import ASSETS, CONFIG, WEIGHTS, hub
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.checkpoint.onnx.reading import BY, FEATURES, OUTPUT, SUFFIX, Description, read, to_metadata
 from ha2g_jax.data.speech import prepare, window
@@ -154,7 +154,7 @@ def exported(checkpoint: str | pathlib.Path) -> pathlib.Path:
     if checkpoint == "demo":
         folder = pathlib.Path(str(importlib.resources.files("ha2g_jax") / "assets" / "demo"))
     assets, config = folder / ASSETS, folder / CONFIG
-    if not all(path.is_file() for path in (assets, config, folder / "model.safetensors")):
+    if not all(path.is_file() for path in (assets, config, folder / WEIGHTS)):
         raise UserError(
             f"no model folder at {shown(checkpoint)}; write an ONNX file with ha2g model onnx, and give it as "
             "--checkpoint"
