@@ -42,7 +42,7 @@ def test_after_a_kill_other_streams_go_on_and_the_worker_is_replaced(debug_model
             time.sleep(0.05)
         metrics = client.ask("GET", "/metrics").body.decode()
         assert 'ha2g_requests_total{route="/v1/stream",status="101"} 2.0' in metrics
-        streams = [stack.enter_context(client.stream()) for _ in range(2)]
+        streams = [stack.enter_context(_stream_when_free(client)) for _ in range(2)]
         for websocket in streams:
             begin(websocket, seed=3)
         process.send_signal(signal.SIGTERM)
@@ -53,6 +53,16 @@ def test_after_a_kill_other_streams_go_on_and_the_worker_is_replaced(debug_model
         assert process.wait(30) == 0 and process.stderr is not None
         (line,) = process.stderr.read().splitlines()
         assert "was ended by SIGKILL; another one starts in 1 s" in line
+
+
+def _stream_when_free(client):
+    """Open a stream as soon as it is not refused: a new worker may count as one before it is given connections."""
+    while True:
+        try:
+            return client.stream()
+        except InvalidStatus as refused:
+            assert refused.response.status_code == 503
+            time.sleep(0.05)
 
 
 def _rest(websocket, pcm):
