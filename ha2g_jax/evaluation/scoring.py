@@ -133,11 +133,13 @@ def evaluate_checkpoint(
     training = None
     if corpus.has_clips(TRAIN):
         training = training_motion(corpus, limit=_TRAINING_CLIPS, seed=seed)
-    sections = {}
+    sections, streams = {}, {}
     for name, most in limits.items():
         motions, truth = from_corpus(
             model, corpus, name, seed=seed, limit=most, with_audio=legacy, look_ahead=look_ahead
         )
+        if look_ahead is not None:
+            streams[name] = motions
         sections[name] = evaluate(
             {"model": motions},
             truth,
@@ -149,7 +151,7 @@ def evaluate_checkpoint(
             notes=_given(model.spec.num_seed_frames) if look_ahead is None else (),
         )
     if has_known_causes(corpus):
-        known = score_known_causes(model, corpus, limits, seed, look_ahead)
+        known = score_known_causes(model, corpus, limits, seed, look_ahead, streams=streams)
         sections = {name: section | {"known_causes": known[name]} for name, section in sections.items()}
     inputs = {"checkpoint": str(checkpoint), "model": model.assets.hash, "data": str(data)}
     inputs["corpus"] = corpus.metadata["name"]

@@ -5,6 +5,7 @@ A ceiling and floors stand beside every model.
 
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +18,7 @@ from ha2g_jax.data.talk import lexicon
 from ha2g_jax.data.talk.speakers import Style
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation import talk_takes
-from ha2g_jax.evaluation.clip_result import check_fit, clip_identity, generate_clip, in_threads, sample
+from ha2g_jax.evaluation.clip_result import ClipResult, check_fit, clip_identity, generate_clip, in_threads, sample
 from ha2g_jax.evaluation.evaluate import score_as_json
 from ha2g_jax.evaluation.talk_takes import MODEL, STILL, TEACHER, compare_takes
 from ha2g_jax.metrics.beats.strokes import TOLERANCE, match, stroke_beats, wrist_positions
@@ -92,6 +93,7 @@ def score_known_causes(
     seed: int = 0,
     look_ahead: int | None = None,
     by_speaker: Sequence[str] = CLAIMED,
+    streams: Mapping[str, Sequence[ClipResult]] = MappingProxyType({}),
 ) -> dict[str, dict[str, Any]]:
     """Score a model against the strokes, words and styles that cause the motion of a Talk corpus.
 
@@ -112,6 +114,8 @@ def score_known_causes(
         limits: name of each split to score -> greatest number of clips, drawn at random; None for all.
         look_ahead: frames of speech that a stream hears beyond each frame; None for motion of whole clips.
         by_speaker: metrics that are measured without each speaker in turn, too.
+        streams: name of a split -> what `clip_result.generated` returned for it with this limit, seed and look-ahead;
+            other splits are generated here. Motion of whole clips cannot be given: it has the first poses of the clips.
 
     Returns:
         {split: {"rows": {row: {metric: {"value", "low", "high", "error"}}}, "without_speakers": {metric: {speaker:
@@ -134,7 +138,7 @@ def score_known_causes(
     num_probed = num_clips + min(_MAX_PROBE_CLIPS, len(corpus.clips(TRAIN))) if is_probed else 0
     with progress_bar("scoring against known causes", num_clips + num_taken + num_probed, "clip") as progress:
         results = {
-            name: _score_split(model, corpus, clips, seed, look_ahead, by_speaker, progress)
+            name: _score_split(model, corpus, clips, seed, look_ahead, by_speaker, streams.get(name), progress)
             for name, clips in chosen.items()
         }
         accuracies = _probe(model, corpus, chosen, seed, progress) if is_probed else {}
@@ -159,6 +163,7 @@ def _score_split(
     seed: int,
     look_ahead: int | None,
     by_speaker: Sequence[str],
+    streams: Sequence[ClipResult] | None,
     progress: tqdm,
 ) -> dict[str, Any]:
     skeleton, fps, first_frame = corpus.skeleton, corpus.fps, model.spec.num_seed_frames
@@ -172,7 +177,8 @@ def _score_split(
         style = clip_identity(model, clip)
         return generate_clip(model, clip, style, seed + index, has_words=has_words, look_ahead=look_ahead)
 
-    for index, directions in enumerate(in_threads(generate, range(len(clips)))):
+    motions = (stream.directions for stream in streams) if streams else in_threads(generate, range(len(clips)))
+    for index, directions in enumerate(motions):
         truth = known_truth(skeleton, clips[index], fps)
         add(MODEL, truth, directions)
         if model.reads_words:

@@ -16,7 +16,7 @@ from ha2g_jax.skeleton import Skeleton, positions_to_directions
 from ha2g_jax.synthesis import Model
 
 MODEL, TEACHER, ONE_TAKE, STILL = "model", "teacher", "teacher, one take", "mean pose"
-MAX_CLIPS = 16  # of a split
+MAX_CLIPS = 8  # of a split
 TEACHER_TAKES, MODEL_TAKES = 20, 8
 
 

@@ -11,7 +11,7 @@ from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.data.records import Clip, Stroke
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation import talk_takes
-from ha2g_jax.evaluation.clip_result import clip_identity, split_limits
+from ha2g_jax.evaluation.clip_result import clip_identity, split_limits, true
 from ha2g_jax.evaluation.evaluate import score_as_json
 from ha2g_jax.evaluation.talk_scores import (
     CLAIMED,
@@ -83,6 +83,16 @@ def test_scores_are_json_with_bounds_from_standard_errors(results):
     assert json.loads(json.dumps(results, allow_nan=False)) == results
     assert score_as_json(Estimate(0.5, 0.1)) == {"value": 0.5, "low": 0.304, "high": 0.696, "error": 0.1}
     assert score_as_json(Estimate(0.5, np.nan)) == {"value": 0.5, "low": None, "high": None, "error": None}
+
+
+def test_streams_that_were_generated_before_are_scored(debug_model, tiny_talk, monkeypatch):
+    """Here they are the true motion."""
+    monkeypatch.setattr(Model, "has_audio_levels", False)
+    monkeypatch.setattr(talk_takes, "MAX_CLIPS", 0)
+    corpus = Corpus.open(tiny_talk)
+    streams = {"test": true(corpus, "test")}
+    rows = score_known_causes(debug_model, corpus, {"test": None}, look_ahead=20, streams=streams)["test"]["rows"]
+    assert rows["model"]["beat_f1"]["value"] > 0.85 and rows["model"]["semantic_recall"]["value"] > 0.9
 
 
 def test_a_model_that_reads_words_is_scored_without_them_too(debug_model, tiny_talk, monkeypatch):
