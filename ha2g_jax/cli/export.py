@@ -137,6 +137,9 @@ def _export_each(arguments: argparse.Namespace, suffix: str) -> None:
     refuse_others(arguments, ("rig",), _EVERY, f"--format {suffix}")
     files = [path for path in arguments.motions if not path.is_dir()]
     tasks = dict(zip(names_of(files), files, strict=True))
+    for name in map(pathlib.Path, tasks):
+        if name.is_absolute() or ".." in name.parts:
+            raise UserError(f"two motions would be written to {shown(name.stem)}{suffix}; export them one by one")
     for folder in (path for path in arguments.motions if path.is_dir()):
         for path in find_motions(folder).values():
             if tasks.setdefault(str(path.relative_to(folder).with_suffix("")), path) != path:
@@ -227,13 +230,17 @@ def _load(arguments: argparse.Namespace) -> dict[str, "Motion"]:
 
 
 def names_of(paths: Sequence[pathlib.Path]) -> list[str]:
-    """Choose a name for each file: its stem, with its folder where two stems are equal, or else its path.
+    """Choose a name for each file: its stem, with its folder where two are equal, then its suffix, or else its path.
 
     Raises:
         UserError: a file is given twice.
     """
     names = [shown(path.stem) for path in paths]
-    for name in (lambda path: f"{resolved(path.parent).name}/{path.stem}", lambda path: path):
+    for name in (
+        lambda path: f"{resolved(path.parent).name}/{path.stem}",
+        lambda path: f"{resolved(path.parent).name}/{path.name}",
+        str,
+    ):
         counts = collections.Counter(names)
         names = [old if counts[old] == 1 else shown(name(path)) for old, path in zip(names, paths, strict=True)]
     if len(set(names)) < len(names):

@@ -301,14 +301,30 @@ def sound_track(container: InputContainer) -> av.AudioStream | None:
 
 
 def sound_start(path: pathlib.Path) -> float:
-    """Return when the sound of a file starts on the clock of its images and subtitles, 0 seconds without sound.
+    """Return when the sound of a file starts on the clock of its images, 0 seconds without sound.
 
     Raises:
         One of `MEDIA_ERRORS`: the file cannot be read, or is no recording.
     """
     with open_media(path) as container:
-        stream = sound_track(container)
-        first = None if stream is None else next(container.decode(stream), None)
+        return _first_time(container)
+
+
+def sound_delay(path: pathlib.Path) -> float:
+    """Return the seconds from the beginning of a file, from which subtitles count, to that of its sound.
+
+    They are 0 without sound, and of a file that FFmpeg does not read, which has no images.
+    """
+    try:
+        with open_media(path) as container:
+            return _first_time(container) - (container.start_time or 0) / av.time_base
+    except MEDIA_ERRORS:
+        return 0.0
+
+
+def _first_time(container: InputContainer) -> float:
+    stream = sound_track(container)
+    first = None if stream is None else next(container.decode(stream), None)
     return (first.time if first else None) or 0.0
 
 

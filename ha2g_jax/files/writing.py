@@ -111,8 +111,8 @@ def whole_file(path: str | pathlib.Path, advice: str = _ADVICE) -> Iterator[path
         path = pathlib.Path(os.path.realpath(path))
     temporary = path.with_name(f".{_short(path.stem)}.{os.getpid()}{path.suffix}")
     with writing(path, advice), _parents(path):
-        if path.is_dir():
-            raise IsADirectoryError(errno.EISDIR, "is a folder")
+        if path.exists() and not path.is_file():
+            raise OSError(errno.EINVAL, "is a folder" if path.is_dir() else "is a device or a pipe")
         try:
             temporary.touch()
             yield temporary

@@ -57,11 +57,14 @@ class ImportOptions:
 
     Attributes:
         skeleton: name of the skeleton, "ted_expressive", or "ted_gesture" for motion without fingers.
+        fps: frames per second of the corpus.
         speaker: name of the speaker of all files; by default it is taken from the names of files and folders, see
             `recordings.find_recordings`.
         audio: audio file of the only motion file, in any format of `read_audio`; by default it lies beside the motion.
         words: transcript of the only motion file; by default it lies beside the motion.
         with_words: whether a recording needs a transcript; if not, windows may have no words.
+        split: split that all clips go to.
+        licence: licence of the recordings, which is stored in the corpus.
     """
 
     skeleton: str = "ted_expressive"
@@ -108,7 +111,7 @@ def import_bvh(
         joint_maps.load_map(joint_map)  # report an error of the map once, not for each file
     read = functools.partial(_read_bvh, options=options, reading=reading)
     name = shown(resolved(src).name)
-    return _import_files(recordings, read, dst, options, name=name, source=f"BVH files: {name}")
+    return _import_files(recordings, read, dst, options, name=name, source=f"motion files: {name}")
 
 
 def _read_bvh(path: pathlib.Path, options: ImportOptions, reading: Reading) -> _FileMotion:

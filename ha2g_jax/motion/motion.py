@@ -26,7 +26,7 @@ from ha2g_jax.skeleton import (
     positions_to_directions,
 )
 
-FACE = ("expressions", "jaw", "arkit")
+FACE = {"expressions": None, "jaw": 3, "arkit": 52}  # number of values, None for any
 """Names of the arrays of `Motion.face`; in a file with "face_" before them."""
 
 ARRAYS = ("directions", "positions", "fps", "joint_names", "meta", *lower_body.ARRAYS, *(f"face_{it}" for it in FACE))
@@ -49,8 +49,8 @@ class Motion:
         joint_names: names of the joints; joint 0 is the root.
         meta: JSON values that say how the motion was made; "skeleton" is the name of the skeleton.
         lower: pelvis, legs and place of the person, where they are known; nothing is generated for them.
-        face: passengers (T, n) by name, which exports hand on: "expressions" of FLAME, "jaw", (T, 3) axis-angles, and
-            "arkit", (T, 52) weights.
+        face: values (T, n) by name, which exports hand on as they are: "expressions" of FLAME, "jaw", (T, 3)
+            axis-angles, and "arkit", (T, 52) weights.
     """
 
     directions: np.ndarray
@@ -134,6 +134,7 @@ class Motion:
 
         Raises:
             UserError: the path does not end in `.npz`, or the file cannot be written.
+            ValueError: `meta` has a number that is not finite, which JSON cannot hold.
         """
         path = pathlib.Path(path)
         if path.suffix.lower() != ".npz":
@@ -151,7 +152,7 @@ class Motion:
                 positions=self.positions,
                 fps=np.float64(self.fps),
                 joint_names=np.array(self.joint_names),
-                meta=np.array(json.dumps(self.meta, indent=1, sort_keys=True)),
+                meta=np.array(json.dumps(self.meta, indent=1, sort_keys=True, allow_nan=False)),
                 **more,
             )
 
@@ -305,10 +306,11 @@ def _check_face(face: Mapping[str, np.ndarray], frames: int) -> None:
             or len(values) != frames
             or values.dtype.kind != "f"
             or values.shape[1] > limits.MAX_FACE_VALUES
+            or values.shape[1] != (FACE[name] or values.shape[1])
         ):
             raise UserError(
                 f"the motion's face_{name} are {values.dtype} of shape {values.shape}; expected floats, "
-                f"({frames}, at most {limits.MAX_FACE_VALUES})"
+                f"({frames}, {FACE[name] or f'at most {limits.MAX_FACE_VALUES}'})"
             )
         if not (np.abs(values) <= _MAX_LENGTH).all():
             raise UserError(f"the motion's face_{name} have values that are not finite or too large; export it again")

@@ -1,6 +1,7 @@
 """`ha2g export`: a file for each, and one line for every mistake."""
 
 import argparse
+import codecs
 
 import av
 import numpy as np
@@ -11,6 +12,7 @@ from PIL import Image
 from ha2g_jax import cli
 from ha2g_jax.cli import export
 from ha2g_jax.errors import UserError
+from ha2g_jax.evaluation.motion_folders import find_motions
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import load_skeleton
 
@@ -119,6 +121,18 @@ def test_motions_go_by_the_names_of_their_files_and_if_need_be_folders(files):
     assert names("a.npz", "b.npz") == ["a", "b"]
     assert names("a.npz", "more/a.npz") == ["in/a", "more/a"]
     assert names("a.npz", "b.npz", names=["x", "y"]) == ["x", "y"]
+    run("export", files / "a.npz", "-o", files / "a.bvh")
+    assert names("a.npz", "a.bvh") == ["in/a.npz", "in/a.bvh"]
+
+
+def test_the_motions_of_a_folder_are_written_below_another(files, tmp_path):
+    (files / "notes.csv").touch()
+    run("export", files / "a.npz", "-o", files / "a.csv")
+    (files / "a.csv").write_bytes(codecs.BOM_UTF8 + (files / "a.csv").read_bytes())  # as Excel saves it
+    run("export", files / "a.npz", files / "a.csv", "--format", "bvh", "-o", tmp_path / "out")
+    names = ["in/a.csv.bvh", "in/a.npz.bvh"]
+    assert sorted(str(path.relative_to(tmp_path / "out")) for path in (tmp_path / "out").rglob("*.*")) == names
+    assert not any(path.name.startswith("notes") for path in find_motions(files).values())
 
 
 MISTAKES = {

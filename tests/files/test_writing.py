@@ -1,6 +1,7 @@
 """What is written is there whole or not at all; a path that cannot be written is refused in one line."""
 
 import errno
+import os
 
 import pytest
 
@@ -28,6 +29,16 @@ def test_the_target_of_a_link_is_written(is_there, tmp_path):
         temporary.write_text("new")
     assert link.is_symlink() and target.read_text() == "new"
     assert sorted(path.name for path in tmp_path.rglob("*")) == ["link.txt", "real.txt", "there"]
+
+
+def test_a_pipe_stays_one(tmp_path):
+    os.mkfifo(tmp_path / "pipe.csv")
+    with (
+        pytest.raises(UserError, match=r"cannot write .*pipe\.csv \(is a device or a pipe\)"),
+        whole_file(tmp_path / "pipe.csv"),
+    ):
+        raise AssertionError
+    assert (tmp_path / "pipe.csv").is_fifo()
 
 
 def test_a_link_to_itself_is_replaced(tmp_path):

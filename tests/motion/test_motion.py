@@ -1,5 +1,6 @@
 """The motion file has the promised arrays, no pickle, the same bytes, and is whole or not there."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -60,3 +61,16 @@ def test_other_suffixes_and_other_files_are_refused(tmp_path):
     for name in ("missing.npz", "text.npz", "other.npz"):
         with pytest.raises(UserError, match=name):
             Motion.load(tmp_path / name)
+
+
+@pytest.mark.parametrize(("name", "width"), [("jaw", 1), ("jaw", 4), ("arkit", 10)])
+def test_a_face_of_another_width_is_refused(name, width):
+    motion = make()
+    with pytest.raises(UserError, match=rf"face_{name} are float32 of shape \(5, {width}\)"):
+        dataclasses.replace(motion, face={name: np.zeros((5, width), np.float32)}).check()
+
+
+def test_what_could_not_be_read_is_not_written(tmp_path):
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        dataclasses.replace(make(), meta=make().meta | {"loss": float("nan")}).save(tmp_path / "m.npz")
+    assert not list(tmp_path.iterdir())

@@ -1,5 +1,6 @@
 """Words of a recording: the transcript beside it, and its reader, which is chosen by the content of the file."""
 
+import contextlib
 import math
 import os
 import pathlib
@@ -9,17 +10,18 @@ from collections.abc import Callable
 import numpy as np
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.features.audio import SAMPLE_RATE, sound_start
+from ha2g_jax.features.audio import SAMPLE_RATE, sound_delay
 from ha2g_jax.features.text import Word
 from ha2g_jax.features.words.encodings import read_text
 from ha2g_jax.features.words.entries import is_table, parse_json_words, parse_table
-from ha2g_jax.features.words.labels import spoken
 from ha2g_jax.features.words.subtitles import parse_subtitles
 from ha2g_jax.features.words.textgrid import Tier, choose, parse_textgrid
 from ha2g_jax.features.words.timing import Stretch, inside, to_words
 from ha2g_jax.files.reading import shown
 
 _LANGUAGE = re.compile(r"\.[a-z]{2,3}(?:-[a-zA-Z]{2,8})?")
+
+_MOTION = re.compile(rb'frame,time,|\{\s*"axes":')  # as the tables of ha2g export begin
 
 _Parse = Callable[[str, pathlib.Path], list[Tier]]
 # Formats with a time for each word come first, a text without times last.
@@ -57,7 +59,7 @@ def words_of(
     """Return the words within a recording (samples,) float32 at 16 kHz, in seconds from its start.
 
     They are read from a transcript that `read_words` reads, aligned from a .txt file without times, or, if `path` is
-    None, recognised by the Whisper model of the name or folder `recognise`. Subtitles have the clock of the images of
+    None, recognised by the Whisper model of the name or folder `recognise`. Subtitles count from the beginning of
     `media`, the file of the recording, whose sound may start later. Of several speakers of a transcript the words are
     those of `speaker`, who is recorded; without a name, of all.
 
@@ -79,13 +81,14 @@ def words_of(
     text = read_text(file)
     if parse := _parser(text, file):
         words = _words(parse(text, file), chosen, file, duration, speaker)
-        if media is not None and parse is parse_subtitles and (start := sound_start(media)):
-            words = tuple(Word(word.text, word.start - start, word.end - start) for word in words)
+        if media is not None and parse is parse_subtitles and (delay := sound_delay(media)):
+            words = tuple(Word(word.text, word.start - delay, word.end - delay) for word in words)
         return inside(words, duration)
     from ha2g_jax.features.words import alignment
 
     lines = [Stretch(line, number, number + 1) for number, line in enumerate(text.split("\n")) if line.strip()]
-    return inside(alignment.align(audio, " ".join(one.text for one in spoken(lines, duration))), duration)
+    chosen_lines = choose([Tier("", lines)], chosen, file, duration, speaker)
+    return inside(alignment.align(audio, " ".join(one.text for one in chosen_lines)), duration)
 
 
 def find(media: pathlib.Path, *, is_alone: bool = True) -> pathlib.Path | None:
@@ -93,7 +96,8 @@ def find(media: pathlib.Path, *, is_alone: bool = True) -> pathlib.Path | None:
 
     The first match wins: a file with the recording's stem; with the stem and a language, as in `talk.en.vtt`; with the
     stem cut at its last dot, and so on; the only file called `words.*`, if no other recording is in the folder. The
-    order among files of one stem is .TextGrid, .json, .tsv, .csv, .ctm, .vtt, .srt, .txt. Returns None without any.
+    order among files of one stem is .TextGrid, .json, .tsv, .csv, .ctm, .vtt, .srt, .txt. A .json or .csv of motion
+    that `ha2g export` wrote is none. Returns None without any.
 
     Args:
         media: path of the audio, video or motion file of the recording, which need not exist.
@@ -104,7 +108,8 @@ def find(media: pathlib.Path, *, is_alone: bool = True) -> pathlib.Path | None:
         return None
     names = (path for path in media.parent.iterdir() if path.suffix.lower() in _PREFERENCE and path != media)
     files = sorted(
-        (path for path in names if path.is_file()), key=lambda path: (_PREFERENCE.index(path.suffix.lower()), path.name)
+        (path for path in names if path.is_file() and not _is_motion(path)),
+        key=lambda path: (_PREFERENCE.index(path.suffix.lower()), path.name),
     )
     stem = media.stem
     while stem:
@@ -117,6 +122,13 @@ def find(media: pathlib.Path, *, is_alone: bool = True) -> pathlib.Path | None:
         stem = stem.rpartition(".")[0]
     called_words = [path for path in files if path.stem == "words"]
     return called_words[0] if is_alone and len(called_words) == 1 else None
+
+
+def _is_motion(path: pathlib.Path) -> bool:
+    """Return whether a file begins as the motion that `ha2g export` writes, which is no transcript."""
+    with contextlib.suppress(OSError), path.open("rb") as file:
+        return _MOTION.match(file.read(64)) is not None
+    return False
 
 
 def read_words(path: pathlib.Path) -> tuple[Word, ...]:

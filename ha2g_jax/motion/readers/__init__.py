@@ -153,7 +153,7 @@ class _Options(NamedTuple):
 
 
 def read_content(path: pathlib.Path) -> Content:
-    """Read the arrays of a file of motion; of a BVH nothing is read yet.
+    """Read the arrays of a file of motion; of a tree of joints, such as BVH, nothing is read yet.
 
     Raises:
         UserError: the file is missing, a pickle, damaged or too large, or none of `SUFFIXES`.

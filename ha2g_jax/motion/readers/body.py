@@ -28,6 +28,8 @@ FACE = ("nose", "head", "right_eye", "left_eye", "right_ear", "left_ear")
 
 # Direction of the foot in the T-pose, from the ankle to its ball; a file without toes has feet of this length.
 _FOOT = np.array([0.0, -0.36, 0.93])
+MIN_BONE = 1e-4
+"""Metres between the two joints of a bone of a leg, below which it has no direction."""
 _FOOT_LENGTH = 0.14
 _DOWN, _LEFT = np.array([0.0, -1.0, 0.0]), np.array([1.0, 0.0, 0.0])
 
@@ -240,7 +242,8 @@ def from_captured(positions: np.ndarray, rotations: np.ndarray, spine: np.ndarra
     average that of the pelvis, whose left is the line of the hips and which is upright on average.
 
     Args:
-        positions: (T, 9, 3) metres of `lower_body.JOINTS`, y up, facing +z; NaN for feet that the file lacks.
+        positions: (T, 9, 3) metres of `lower_body.JOINTS`, y up, facing +z; NaN for feet that the file lacks. The
+            bones of hips, thighs and shins have a length; feet at their ankles are taken as lacking.
         rotations: (T, 9, 3, 3) rotations of the joints in these axes, from any rest pose.
         spine: (T, 3) metres of the joint `spine` of the skeleton.
     """
@@ -262,9 +265,9 @@ def from_captured(positions: np.ndarray, rotations: np.ndarray, spine: np.ndarra
             lateral = found[JOINTS[joint]].apply(_LEFT)
             offsets[end] = _DOWN * np.linalg.norm(bone, axis=-1).mean()
         shin, ankle_name, foot_name = found[f"{side}_knee"], JOINTS[ankle], JOINTS[foot]
-        if np.isfinite(positions[:, foot]).all():
-            bone = positions[:, foot] - positions[:, ankle]
-            length = np.linalg.norm(bone, axis=-1).mean()
+        bone = positions[:, foot] - positions[:, ankle]
+        length = np.linalg.norm(bone, axis=-1).mean()
+        if length > MIN_BONE:  # which NaN is not
             found[ankle_name] = own[ankle] * _constant(own[ankle], bone, _FOOT, lateral, _LEFT)
             found[foot_name] = _like(own[foot], found[ankle_name])
         else:

@@ -203,13 +203,13 @@ class _Reader:
 
 
 def _frame_rate(text: str, frame_time: float) -> float:
-    """Return the frames per second: a usual rate if the frame time equals that of the rate in all its digits."""
+    """Return the frames per second: a usual rate, whole if possible, whose frame time has the digits of the stated."""
     mantissa, _, exponent = text.lower().lstrip("+").partition("e")
     digits = len(mantissa.partition(".")[2]) - int(exponent or 0)  # decimals
-    rate = min(USUAL_RATES, key=lambda rate: abs(1 / rate - frame_time))
-    is_plain = mantissa.replace(".", "").isdigit()
-    is_cut = is_plain and digits >= _MIN_DIGITS and abs(1 / rate - frame_time) < 10.0**-digits
-    return rate if is_cut else 1 / frame_time
+    if not mantissa.replace(".", "").isdigit() or digits < _MIN_DIGITS:
+        return 1 / frame_time
+    alike = [rate for rate in USUAL_RATES if abs(1 / rate - frame_time) < 10.0**-digits]
+    return min(alike, key=lambda rate: (rate != int(rate), abs(1 / rate - frame_time)), default=1 / frame_time)
 
 
 def read_values(path: pathlib.Path, file: TextIO, begin: str, frames: int, names: Sequence[str]) -> np.ndarray:

@@ -18,6 +18,7 @@ from ha2g_jax.motion.readers.body import (
     ARM,
     FACE,
     MAX_MINUTES,
+    MIN_BONE,
     add_face,
     add_rest_face,
     arm_length,
@@ -45,6 +46,7 @@ _HEAD = 64  # bytes that show the kind of a file
 _AXES = "XYZ"
 _UNITS = (0.001, 0.01, 0.0254, 1.0)  # millimetres, centimetres, inches, metres
 _FEET_FPS = 2.0
+_LEG_BONES = ((1, 5), (1, 2), (2, 3), (5, 6), (6, 7))  # of `LOWER_JOINTS`, with the line of the hips
 _ALIKE = np.cos(np.deg2rad(1))  # of bones at rest
 
 
@@ -198,7 +200,7 @@ def to_motion(
         with_legs: whether to read pelvis and legs, if the file has them.
 
     Raises:
-        UserError: the motion is longer than two hours, its joints do not fit the map, its arms do not have a
+        UserError: the motion is longer than `MAX_MINUTES`, its joints do not fit the map, its arms do not have a
             person's length, or its left and right are mirrored.
     """
     path = pathlib.Path(path)
@@ -279,9 +281,9 @@ def _lower(
     names: list[str],
     skeleton: Skeleton,
     axes: np.ndarray,
-) -> LowerBody:
+) -> LowerBody | None:
     """Return pelvis and legs from positions (T, n, 3) and rotations of the joints that the file has, whose `axes` of
-    the skeleton are those of `mean_heading`.
+    the skeleton are those of `mean_heading`; None if two joints of a leg, or both hips, are at one place.
     """
     axes = axes * export_axes(skeleton)
     points = np.full((len(legs), len(LOWER_JOINTS), 3), np.nan)
@@ -289,6 +291,8 @@ def _lower(
     for index, name in enumerate(names):
         points[:, LOWER_JOINTS.index(name)] = legs[:, index] @ axes
         turns[:, LOWER_JOINTS.index(name)] = axes.T @ rotations[index]
+    if any(np.linalg.norm(points[:, end] - points[:, start], axis=-1).mean() < MIN_BONE for start, end in _LEG_BONES):
+        return None
     return from_captured(points, turns, positions[:, skeleton.joint("spine")] @ axes)
 
 

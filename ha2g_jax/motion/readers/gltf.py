@@ -163,7 +163,8 @@ class _File:
 
     def _times(self, keys: list[np.ndarray]) -> tuple[np.ndarray, float]:
         """Return the times (T,) of the frames and their rate: that of the keys, where they are as dense as frames."""
-        extras = self.tree["scenes"][self.tree.get("scene", 0)].get("extras", {})
+        scenes = self.tree.get("scenes") or [{}]  # a file may have none
+        extras = scenes[self.tree.get("scene", 0)].get("extras") or {}
         every = np.unique(np.concatenate(keys))
         steps = np.diff(every)
         steps = steps[steps > _LATE]

@@ -190,7 +190,7 @@ def find(joint_map: JointMap, joints: Sequence[str], wanted: Sequence[str], file
     places = {}
     for ours, alike in _find(joint_map, joints, wanted).items():
         if len(alike) > 1:
-            both = " and ".join(joints[index] for index in alike[:2])
+            both = " and ".join(shown(joints[index]) for index in alike[:2])
             raise UserError(
                 f"{shown(file)} has {both}, and either may be {ours}; choose one in a joint map (--joint-map)"
             )
@@ -248,7 +248,7 @@ def _lacks(
     if len(missing) > _MAX_LISTED:
         lacking += f" and {len(missing) - _MAX_LISTED} more"
     used = set(places.values())
-    others = ", ".join(joint for index, joint in enumerate(joints) if index not in used)
+    others = ", ".join(shown(joint) for index, joint in enumerate(joints) if index not in used)
     if len(others) > _MAX_LISTED_LETTERS:
         others = f"{others[:_MAX_LISTED_LETTERS]}..."
     no_fingers = all(joint.rstrip("123").endswith("_") for joint in missing)

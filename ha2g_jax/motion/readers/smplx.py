@@ -46,7 +46,7 @@ class SmplxMotion(NamedTuple):
         kind: "poses" or "positions of N joints".
         up: axis of the file that points up.
         lower: pelvis and legs; None for positions.
-        face: passengers (T, n) by name: "expressions", "arkit" and "jaw", its (T, 3) axis-angles.
+        face: values (T, n) by name, which exports hand on: "expressions", "arkit" and "jaw", its (T, 3) axis-angles.
         is_good: (T,) whether the pose was tracked in the file.
     """
 

@@ -10,7 +10,7 @@
 | Embody 3D | a folder a part: PERSON/smplx_mesh_body_pose/CAPTURE.npy, PERSON/missing/CAPTURE.npy and others |
 | positions of joints | `joints` (T, 55, 76, 127 or 144, 3) in metres |
 
-Beside them: `trans` or `transl` (T, 3), `betas`, `mocap_frame_rate` or another name of the rate, and as passengers
+Beside them: `trans` or `transl` (T, 3), `betas`, `mocap_frame_rate` or another name of the rate, and of the face
 `expressions` (T, n) of FLAME and `arkit` (T, 52), and `is_good` (T,), 0 in frames that were not tracked. Seamless
 Interaction and Embody 3D have 30 frames per second and do not say so in the files.
 """
@@ -134,7 +134,7 @@ class SmplxArrays(NamedTuple):
         trans: (T, 3) metres, zero by default.
         betas: (n,) shape coefficients.
         fps: frames per second.
-        face: passengers by name: "expressions" (T, n) and "arkit" (T, 52), those that the file has.
+        face: values by name, which exports hand on: "expressions" (T, n) and "arkit" (T, 52), those that the file has.
         is_good: (T,) whether a frame can be used.
         is_own: whether the poses are those that `ha2g export` writes, y up and facing +z.
     """

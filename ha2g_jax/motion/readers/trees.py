@@ -1,5 +1,7 @@
 """Trees of joints whose rest poses have axes, as those of tables and glTF, as trees of BVH, whose joints have none."""
 
+import codecs
+import contextlib
 import pathlib
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -94,8 +96,9 @@ def read_json(content: Mapping[str, Any], path: pathlib.Path) -> Bvh:
 
 def is_csv(path: pathlib.Path) -> bool:
     """Return whether a file begins as a `.csv` of `ha2g export`."""
-    with reading(path, _EXPECTED), path.open("rb") as file:
-        return file.read(len(CSV)) == CSV
+    with contextlib.suppress(OSError), path.open("rb") as file:
+        return file.read(len(codecs.BOM_UTF8 + CSV)).removeprefix(codecs.BOM_UTF8).startswith(CSV)
+    return False
 
 
 def read_csv(path: pathlib.Path, fps: float | None = None) -> Bvh:
@@ -116,7 +119,10 @@ def read_csv(path: pathlib.Path, fps: float | None = None) -> Bvh:
             )
         fields = [("x", "y", "z"), ("qx", "qy", "qz", "qw")]
         columns = [names.index(f"{joint}_{field}") for each in fields for joint in joints for field in each]
-        table = np.loadtxt(file, delimiter=",", usecols=[names.index("time"), *columns], ndmin=2, comments=None)
+        lines = file.readlines()
+        if not lines:
+            raise UserError(f"{shown(path)} has no frames; export it again")
+        table = np.loadtxt(lines, delimiter=",", usecols=[names.index("time"), *columns], ndmin=2, comments=None)
     times, values = table[:, 0], table[:, 1:]
     places = values[:, : 3 * len(joints)].reshape(-1, len(joints), 3)
     with naming(path):

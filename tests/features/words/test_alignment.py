@@ -227,6 +227,12 @@ def test_source_of_words(tmp_path, whisper):
         "old",
         "garden",
     ]
+    text.write_text("Mary: The old garden.\nJohn: Good morning to you.")
+    assert [word.text for word in transcripts.words_of(utterance.audio, f"{text}#Mary", recognise=None)] == [
+        "the",
+        "old",
+        "garden",
+    ]
     whisper.answer = ([segment(" un", 0.1, 0.4)], "fr")
     assert transcripts.words_of(SILENCE, None, recognise="base") == (("un", 0.1, 0.4),)
     with pytest.raises(UserError, match="no transcript beside it; give one"):

@@ -5,12 +5,17 @@ import resource
 import subprocess
 import sys
 
+import numpy as np
 import pytest
+import soundfile
+from fixtures.motions import swaying
 from fixtures.transcripts import FILES, GENTLE, LONG_GRID, SHORT_GRID, WORDS, check_words
+from fixtures.videos import make_video
 
 from ha2g_jax import limits
 from ha2g_jax.errors import UserError
 from ha2g_jax.features import words as transcripts
+from ha2g_jax.motion import formats
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -128,6 +133,26 @@ def test_the_transcript_of_a_recording_is_found_by_rules(tmp_path, names, found)
     (tmp_path / "a.dir.tsv").mkdir()
     expected = found and tmp_path / found
     assert transcripts.find(tmp_path / "a.b.bvh") == expected
+
+
+def test_exported_motion_is_no_transcript(tmp_path):
+    for suffix in (".json", ".csv"):
+        formats.export(swaying(), tmp_path / f"a{suffix}")
+    (tmp_path / "a.srt").write_text("x")
+    assert transcripts.find(tmp_path / "a.bvh") == tmp_path / "a.srt"
+
+
+def test_subtitles_count_from_the_beginning_of_the_file(tmp_path):
+    """A transport stream has a clock that is ahead, and FFmpeg does not read NIST SPHERE, as of TIMIT."""
+    (tmp_path / "a.srt").write_text("1\n00:00:02,000 --> 00:00:03,000\none\n")
+    samples = np.zeros(6 * 16000, np.float32)
+    soundfile.write(tmp_path / "nist.wav", samples, 16000, format="NIST")
+    files = {tmp_path / "nist.wav": 2.0}
+    for name in ("a.mp4", "a.ts"):
+        files[make_video(tmp_path / name, sound_start=0.5)] = 1.5
+    for media, start in files.items():
+        (word,) = transcripts.words_of(samples, tmp_path / "a.srt", recognise=None, media=media)
+        assert word.start == pytest.approx(start, abs=0.1), media.name
 
 
 def test_the_transcripts_of_genuine_recordings_are_found(private_data):

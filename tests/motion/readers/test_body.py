@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import re
 
 import numpy as np
 import pytest
@@ -63,6 +64,18 @@ def test_shoulders_one_above_the_other(skeleton):
     lying = Rotation.from_euler("z", 90, degrees=True).apply(mocap(skeleton).reshape(-1, 3)).reshape(40, -1, 3)
     with pytest.raises(UserError, match="shoulders lie along the y axis"):
         to_skeleton_axes(lying, skeleton)
+
+
+@pytest.mark.parametrize(("joint", "has_legs"), [("ToeBase", True), ("Foot", False), ("Leg", False)])
+def test_bones_of_legs_without_a_length(joint, has_legs, person, tmp_path):
+    """A toe at the ankle is no toe; a knee at the hip leaves no leg to turn."""
+    text, count = re.subn(rf"((?:Left|Right){joint}\s*\{{\s*OFFSET)[^\n]*", r"\1 0 0 0", bvh(person, MIXAMO))
+    assert count == 2
+    (tmp_path / "x.bvh").write_text(text)
+    found = read_motion(tmp_path / "x.bvh")
+    assert (found.lower is not None) == has_legs
+    if found.lower is not None:
+        assert np.isfinite(found.lower.positions()).all()
 
 
 def head_of(positions, skeleton, head_angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -113,6 +113,8 @@ def named(file: File) -> None:
 
 VARIANTS = {
     "of another program": lambda file: file.tree["scenes"][0].pop("extras"),
+    "no scenes": lambda file: file.tree.pop("scenes") and file.tree.pop("scene", None),
+    "no values of extras": lambda file: file.tree["scenes"][0].update(extras=None),
     "steps": lambda file: file.change("STEP", lambda times, values: (times, values)),
     "splines": lambda file: file.change("CUBICSPLINE", spline),
     "shorts": lambda file: file.change("LINEAR", lambda t, v: (t, np.round(v * 32767).astype("<i2"), 5122)),
@@ -175,6 +177,10 @@ REFUSED = {
     "no turns": (lambda file: file.change("LINEAR", lambda t, v: (t, v * 9)), "values that are no rotations"),
     "squeezed": (lambda file: file.tree["nodes"][1].update(scale=[1, 2, 1]), "the scale of hips is not the same"),
     "compressed": (compressed, "compressed or in another file; export it as one plain .glb"),
+    "two people of any name": (
+        lambda file: [file.tree["nodes"][index].update(name="hips\n\x1b[31m") for index in (1, 5)],
+        "two joints named",
+    ),
     "a circle": (lambda file: file.tree["nodes"][9].update(children=[1]), "x.glb"),
 }
 
