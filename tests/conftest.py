@@ -49,12 +49,17 @@ SLOW = (
 )
 
 # What `make test` leaves to `make test-all`: damaged files by the thousand, commands that parsing has already checked,
-# a cluster on this machine, and further networks, which take half a minute to compile each.
+# a cluster on this machine, long notebooks, and further networks, data and precisions, of which each step is compiled.
 THOROUGH = (
     "fuzz/",
     "test_docs_commands.py::test_commands_of_a_page_run",
     "test_baselines.py",
+    "test_notebooks.py::test_notebook_runs[05",
+    "test_notebooks.py::test_notebook_runs[06",
+    "methods/test_baselines.py::test_eight_devices_take_the_step_of_one",
     "methods/test_baselines.py::test_half_precision_is_near_single_precision",
+    "train/test_loop.py::test_two_steps_on_recordings[ted",
+    "train/test_step.py::test_bfloat16_changes_the_terms_by_little",
     "importers/video/test_build.py::test_a_cluster_gives_the_same_bytes_and_survives_a_killed_worker",
 )
 

@@ -265,14 +265,18 @@ def generate_files(
             cannot be used, or a file cannot be written; of several files this is said in a line on stderr, and the
             error comes when the others are complete.
     """
+    transcript = None
     if words is not None:
-        with reading(words, "a transcript"), words.open("rb"):
+        from ha2g_jax.features.words import split_speaker
+
+        transcript = split_speaker(words)[0]
+        with reading(transcript, "a transcript"), transcript.open("rb"):
             pass
     if not 1 <= takes <= MAX_MOTIONS:
         raise UserError(f"{takes} takes; expected 1 to {MAX_MOTIONS}")
     first = options.get("seed", 0)
     seeds = range(first, first + takes)
-    tasks = plan(speech, out, suffix, _others(words, options), seeds)
+    tasks = plan(speech, out, suffix, _others(transcript, options), seeds)
     if words is not None and len(tasks) > 1:
         raise UserError(f"{shown(words)} is one transcript, and there are {len(tasks)} files; leave out --words")
     suffixes = {path.suffix.lower() for path in tasks[0].paths}
@@ -312,8 +316,8 @@ def generate_files(
     return tuple(path for task in tasks for path in task.paths)
 
 
-def _others(words: pathlib.Path | None, options: Options) -> list[Path]:
-    paths: list[Path] = [] if words is None else [words]
+def _others(transcript: pathlib.Path | None, options: Options) -> list[Path]:
+    paths: list[Path] = [] if transcript is None else [transcript]
     seed_pose = options.get("seed_pose")
     if isinstance(seed_pose, Path):
         paths.append(seed_pose)

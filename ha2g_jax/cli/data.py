@@ -85,7 +85,8 @@ def _import(arguments: argparse.Namespace) -> None:
     every = {name: None for names in _IMPORT.values() for name in names}
     names = {"ted": "TED's LMDB", "bvh": "BVH and glTF", "smplx": "SMPL-X"}
     refuse_others(arguments, _IMPORT[kind], tuple(every), names[kind])
-    given = {name: value for name in _IMPORT[kind] if (value := getattr(arguments, name)) not in (None, False)}
+    given = {name: getattr(arguments, name) for name in _IMPORT[kind]}
+    given = {name: value for name, value in given.items() if value is not None and value is not False}
     if kind == "ted":
         from ha2g_jax.importers.ted import importer
 

@@ -97,7 +97,10 @@ def _export(arguments: argparse.Namespace) -> None:
             f"cannot write {shown(arguments.out)}: {suffix or 'no suffix'}; expected one of {', '.join(_OPTIONS)}"
         )
     refuse_others(arguments, _OPTIONS[suffix], _EVERY, suffix)
-    check_kept([arguments.out], [*arguments.motions, arguments.audio, arguments.words])
+    from ha2g_jax.features.words import split_speaker
+
+    words = None if arguments.words is None else split_speaker(arguments.words)[0]
+    check_kept([arguments.out], [*arguments.motions, arguments.audio, words])
     from ha2g_jax.motion.readers import check_reading
 
     check_reading(arguments.motions, **reading(arguments))
@@ -235,14 +238,14 @@ def names_of(paths: Sequence[pathlib.Path]) -> list[str]:
     Raises:
         UserError: a file is given twice.
     """
-    names = [shown(path.stem) for path in paths]
+    names = [path.stem for path in paths]
     for name in (
         lambda path: f"{resolved(path.parent).name}/{path.stem}",
         lambda path: f"{resolved(path.parent).name}/{path.name}",
         str,
     ):
         counts = collections.Counter(names)
-        names = [old if counts[old] == 1 else shown(name(path)) for old, path in zip(names, paths, strict=True)]
+        names = [old if counts[old] == 1 else name(path) for old, path in zip(names, paths, strict=True)]
     if len(set(names)) < len(names):
         raise UserError(f"{shown(', '.join(map(str, paths)))} contains a motion twice; give each file once")
     return names

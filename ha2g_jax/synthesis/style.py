@@ -57,6 +57,14 @@ class Style(NamedTuple):
 RANDOM = Style()
 
 
+def check_seed(seed: int) -> None:
+    """Raise a `UserError` if a seed is negative or above `MAX_SEED`."""
+    if seed < 0:
+        raise UserError(f"seed {seed} is negative; give 0 or more")
+    if seed > MAX_SEED:
+        raise UserError(f"a seed is above {MAX_SEED}; give a smaller one")
+
+
 def choose_style(
     spec: "Spec | Description", variables: "Variables", assets: Assets, style: Style = RANDOM, seed: int = 0
 ) -> tuple[np.ndarray, dict[str, Any]]:
@@ -88,10 +96,8 @@ def choose_style(
             "the style has more than one source; give only a speaker, a mixture, reference images, values or a style "
             "seed"
         )
-    if min(seed, style.seed or 0) < 0:
-        raise UserError(f"seed {min(seed, style.seed or 0)} is negative; give 0 or more")
-    if max(seed, style.seed or 0) > MAX_SEED:
-        raise UserError(f"a seed is above {MAX_SEED}; give a smaller one")
+    check_seed(seed)
+    check_seed(style.seed or 0)
     if not 0 <= style.variation <= _MOST_VARIATION:
         raise UserError(f"the variation of the style is {style.variation:g}; expected 0 to {_MOST_VARIATION:g}")
     if style.speaker is not None:

@@ -245,6 +245,17 @@ def test_a_transcript_that_is_found_is_not_overwritten(speech, tmp_path, monkeyp
     assert transcript.read_text() == "[]"
 
 
+def test_a_transcript_may_be_of_one_speaker(debug_folder, speech, tmp_path):
+    cues = tmp_path / "cues.jsonl"
+    cues.write_text('{"cue": "nod", "word": "two"}\n')
+    words = tmp_path / "words.vtt"
+    words.write_text("WEBVTT\n\n00:00.100 --> 00:00.500\n<v Mary>one two\n\n00:00.600 --> 00:00.900\n<v John>three\n")
+    common = ("--cues", cues, "--checkpoint", debug_folder)
+    assert generate(speech, "-o", tmp_path / "a.npz", "--words", f"{words}#Mary", *common) == 0
+    assert generate(speech, "-o", tmp_path / "b.npz", "--words", f"{words}#John", *common) == 2
+    assert generate(speech, "-o", words, "--words", f"{words}#Mary", *common) == 2 and "Mary" in words.read_text()
+
+
 def test_one_transcript_is_not_that_of_several_recordings(speech):
     transcript = speech.with_name("words.json")
     transcript.write_text("[]")

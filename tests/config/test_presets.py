@@ -36,15 +36,18 @@ def test_every_preset_builds_an_objective(data, method, size):
 
 
 @pytest.mark.parametrize(("data", "method", "changes"), [*((*spec, {}) for spec in SPECS), *EQUAL])
-def test_every_debug_preset_gives_a_step(data, method, changes):
+def test_every_debug_preset_gives_a_step_in_float32(data, method, changes):
+    """It is so where JAX is told to use float64, too."""
     config = presets.make(data, "debug", method, changes)
     if method == "ha2g" and data != "ted_expressive":  # which has all six
         config.model.inferer.levels = (3,) if data == "ted_gesture" else (6,)
     objective = build_objective(config, load_skeleton(config.skeleton), vocabulary_size=10, num_speakers=3)
-    key = jax.random.key(0)
-    batch = {name: jnp.repeat(array, 2, axis=0) for name, array in example_batch(objective.spec).items()}
-    state = jax.eval_shape(functools.partial(init_state, objective), key)
-    after, metrics = jax.eval_shape(functools.partial(train_step, objective), state, batch, key)
+    with jax.enable_x64():
+        key = jax.random.key(0)
+        batch = {name: jnp.repeat(array, 2, axis=0) for name, array in example_batch(objective.spec).items()}
+        state = jax.eval_shape(functools.partial(init_state, objective), key)
+        after, metrics = jax.eval_shape(functools.partial(train_step, objective), state, batch, key)
+    assert not [leaf for leaf in jax.tree.leaves((state, after, metrics)) if leaf.dtype == jnp.float64]
     assert jax.tree.map(lambda leaf: (leaf.shape, leaf.dtype), after) == jax.tree.map(
         lambda leaf: (leaf.shape, leaf.dtype), state
     )

@@ -122,7 +122,7 @@ def test_winograd_of_each_shape_of_the_networks(shape, devices, monkeypatch):
     check_winograd(*shape)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(
     batch=st.integers(1, 9),
     edges=st.tuples(st.integers(3, 12), st.integers(3, 12)),

@@ -157,11 +157,11 @@ def test_bytes_do_not_depend_on_the_cuts(debug_model, at_once, cuts):
     assert np.concatenate([*parts, stream.flush()]).tobytes() == expected.tobytes()
 
 
-def test_ten_minutes_at_once_give_the_same_bytes(debug_model):
-    samples = np.tile(speech(60), 10)
+def test_two_minutes_at_once_give_the_same_bytes(debug_model):
+    samples = np.tile(speech(60), 2)
     whole = {"look_ahead": 0, "hop": 26}
     expected = streamed(debug_model, samples, 16001, **whole)
-    assert expected.shape == (9000, 42, 3)
+    assert expected.shape == (1800, 42, 3)
     assert streamed(debug_model, samples, **whole).tobytes() == expected.tobytes()
 
 

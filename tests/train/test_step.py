@@ -14,8 +14,7 @@ from ha2g_jax.data.corpus import TRAIN
 from ha2g_jax.methods import adversarial, method_of
 from ha2g_jax.methods.adversarial import discriminate
 from ha2g_jax.methods.ha2g.method import Terms, total
-from ha2g_jax.methods.method import example_batch, subtract_mean
-from ha2g_jax.skeleton import load_skeleton
+from ha2g_jax.methods.method import subtract_mean
 from ha2g_jax.train import inputs
 from ha2g_jax.train import step as steps
 from ha2g_jax.train.objective import build_objective, init_state
@@ -294,14 +293,3 @@ def test_one_batch_is_learnt_by_heart_in_100_steps(tiny_talk, draw_state):
         state, metrics = step(state, batch, jax.random.key(1))
         history.append(metrics["loss/huber"])
     assert history[-1] < 0.01 * history[0]
-
-
-@pytest.mark.parametrize("method", presets.METHODS)
-def test_a_step_is_in_float32_where_jax_is_told_to_use_float64(method):
-    skeleton = load_skeleton("ted_gesture")
-    objective = build_objective(presets.make("ted_gesture", "debug", method), skeleton, 11, 5)
-    with jax.enable_x64():
-        key, batch = jax.random.key(0), example_batch(objective.spec)
-        state = jax.eval_shape(functools.partial(init_state, objective), key)
-        results = jax.eval_shape(functools.partial(steps.train_step, objective), state, batch, key)
-    assert not [leaf for leaf in jax.tree.leaves((state, results)) if leaf.dtype == np.float64]

@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 
 from ha2g_jax.apps.live.pieces import Resampler
+from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.limits import MAX_SOUND_RATE, MIN_SOUND_RATE
 from ha2g_jax.motion.cues import Cue
 from ha2g_jax.synthesis.stream import Stream
 
@@ -43,12 +45,15 @@ class PacedStream:
         """Append sound of the agent.
 
         Args:
-            pcm: 16 bits, little-endian, mono.
+            pcm: 16 bits, little-endian, mono; half a sample at its end waits for the next call.
             rate: samples per second.
 
         Returns:
             Time of the frame, in seconds, with which the agent's sound up to the next silence begins. Sound may be sent
             to a player when this frame is shown.
+
+        Raises:
+            UserError: the rate is below 1 kHz or above 768 kHz.
         """
         if not self._own.is_waiting:
             self._begun = self._fed / SAMPLE_RATE
@@ -101,6 +106,7 @@ class _Voice:
 
     def __init__(self) -> None:
         self._resampler, self._rate, self._pieces = Resampler(SAMPLE_RATE), SAMPLE_RATE, [np.zeros(0, np.float32)]
+        self._rest = b""  # of a sample
         self._has_grown = False  # since the last take
 
     @property
@@ -108,8 +114,13 @@ class _Voice:
         return any(map(len, self._pieces))
 
     def put(self, pcm: bytes, rate: int) -> None:
+        if not MIN_SOUND_RATE <= rate <= MAX_SOUND_RATE:
+            raise UserError(f"{rate} samples a second; expected {MIN_SOUND_RATE} to {MAX_SOUND_RATE}")
         if rate != self._rate:
             self._end(rate)
+        pcm = self._rest + pcm
+        whole = len(pcm) // 2 * 2
+        pcm, self._rest = pcm[:whole], pcm[whole:]
         samples = np.frombuffer(pcm, "<i2").astype(np.float32) / 32768
         self._pieces.append(self._resampler.resample(samples, 0.0).samples)
         self._has_grown = True

@@ -1,6 +1,7 @@
 """Pieces of sound that arrive: their bytes as samples, their samples at 16 kHz, and what is asked for between them."""
 
 import io
+import re
 import sys
 from typing import Any, NamedTuple
 
@@ -11,8 +12,10 @@ import soxr
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.files.reading import reason
+from ha2g_jax.limits import MAX_SOUND_RATE, MIN_SOUND_RATE
 from ha2g_jax.motion.cues import Cue
 
+_WAV = re.compile(rb"RIFF.{4}WAVE", re.DOTALL)
 _MOST_HEADER = 1 << 16  # bytes of a WAV before its sound
 _UNKNOWN_SIZE = 0x7FFF0000  # from which on the size of a WAV that is written to a pipe is not its size
 # How files begin that are neither raw PCM nor WAV.
@@ -79,6 +82,7 @@ class Decoder:
     """Conversion of the bytes of raw PCM or of a WAV to samples, mono or (samples, 2), at a rate, by default 16 kHz.
 
     A WAV is known by its header, which says its rate, channels and type; part of a sample is kept for the next bytes.
+    After the sound of a WAV, what is no other WAV is dropped. Values that are not finite become 0.
     """
 
     def __init__(self, rate: int | None, channels: int = 1) -> None:
@@ -94,13 +98,28 @@ class Decoder:
             UserError: they are of another kind of file, or of a WAV with another rate than the one that is stated.
         """
         self._rest += data
-        if not self._form and not self._begin(is_last):
-            return np.zeros((0, *[2] * (self._channels == 2)), np.float32)
+        parts = [np.zeros((0, *[2] * (self._channels == 2)), np.float32)]
+        while self._form or self._begin(is_last):
+            if self._left >= self._width:
+                parts.append(self._whole_samples(is_last))
+            if self._left >= self._width:
+                break
+            found = _WAV.search(self._rest)
+            self._rest = self._rest[found.start() if found else -11 :]
+            if not found:
+                break
+            self._form, self._resampler, self._left = {}, None, sys.maxsize
+        return np.concatenate(parts)
+
+    def _whole_samples(self, is_last: bool) -> np.ndarray:
         whole = min(len(self._rest), self._left) // self._width * self._width
         sound, self._rest, self._left = self._rest[:whole], self._rest[whole:], self._left - whole
         samples = soundfile.read(io.BytesIO(sound), dtype="float32", always_2d=True, **self._form)[0]
+        samples = np.nan_to_num(samples, nan=0.0, posinf=0.0, neginf=0.0)
         samples = samples.mean(axis=1) if self._channels == 1 else samples
-        return samples if self._resampler is None else self._resampler.resample_chunk(samples, last=is_last)
+        if self._resampler is None:
+            return samples
+        return self._resampler.resample_chunk(samples, last=is_last or self._left < self._width)
 
     def _begin(self, is_last: bool) -> bool:
         """Find out what the sound is, and return whether it is known."""
@@ -120,11 +139,16 @@ class Decoder:
                 return False
             size = int.from_bytes(head[start + 4 : start + 8], "little")
             try:
-                with soundfile.SoundFile(io.BytesIO(head)) as file:
+                with soundfile.SoundFile(io.BytesIO(head[: start + 8])) as file:
                     form = {"samplerate": file.samplerate, "channels": file.channels, "subtype": file.subtype}
-                soundfile.read(io.BytesIO(bytes(self._width)), format="RAW", **form)
+                two = soundfile.read(io.BytesIO(bytes(2 * self._width)), format="RAW", **form)[0]
             except (soundfile.SoundFileError, ValueError, TypeError) as error:
                 raise UserError(f"what is sent is a WAV that cannot be read ({reason(error)}); send 16 bits") from error
+            if len(two) != 2 or not MIN_SOUND_RATE <= file.samplerate <= MAX_SOUND_RATE:
+                raise UserError(
+                    f"what is sent is a WAV of {self._width} bytes a sample, {file.samplerate} samples a second, which "
+                    "cannot be; write it again"
+                )
             if self._channels == 2 != file.channels:
                 raise UserError(f"the WAV has {file.channels} channels; send 2, the agent and the other")
             if self._stated not in (None, file.samplerate):

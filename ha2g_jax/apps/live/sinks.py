@@ -17,7 +17,7 @@ from tqdm import tqdm
 from ha2g_jax.apps.live.frames import Frame
 from ha2g_jax.apps.live.network import Address, read_address, serving, udp_target
 from ha2g_jax.errors import UserError, require
-from ha2g_jax.files.reading import shown
+from ha2g_jax.files.reading import resolved, shown
 from ha2g_jax.files.writing import whole_file
 from ha2g_jax.motion.armature import Animation
 from ha2g_jax.motion.formats.tables import describe_joints, describe_poses
@@ -284,7 +284,7 @@ def open_sinks(texts: Sequence[str], stack: contextlib.ExitStack, rig: str = OWN
     if not texts:
         raise UserError("no sink; give at least one with --sink, such as vmc://127.0.0.1:39539")
     load_rig(rig)
-    if len(set(texts)) < len(texts):
+    if len({text if "://" in text else resolved(text) for text in texts}) < len(texts):
         raise UserError("two sinks are the same; give each once")
     senders, recordings = list[Sink](), list[Recording]()
     for text in texts:

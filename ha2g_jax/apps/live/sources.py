@@ -26,7 +26,7 @@ from ha2g_jax.apps.live.network import Address, read_address, serving
 from ha2g_jax.apps.live.pieces import Change, Chunk, Decoder, Resampler
 from ha2g_jax.errors import UserError, require
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio, read_voices
-from ha2g_jax.files.reading import parse_json, shown
+from ha2g_jax.files.reading import parse_json, reason, shown
 from ha2g_jax.limits import MAX_SOUND_RATE, MIN_SOUND_RATE
 from ha2g_jax.motion.cues.reading import read_cue
 from ha2g_jax.motion.states import STATES
@@ -210,6 +210,8 @@ class PipeSource:
             inbox.put(None)
         except UserError as error:
             inbox.put(error)
+        except OSError as error:
+            inbox.put(UserError(f"stdin cannot be read ({reason(error).lower()})"))
 
 
 class WebSocketSource:

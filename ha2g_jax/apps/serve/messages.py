@@ -113,7 +113,7 @@ class Begin(_Message):
 
     look_ahead: int = DEFAULT_LOOK_AHEAD
     hop: int = DEFAULT_HOP
-    seed: int = 0
+    seed: int = Field(0, ge=0, le=MAX_SEED)
     style: StyleMessage = StyleMessage()
     controls: ControlsMessage = ControlsMessage()
     muted: bool = False

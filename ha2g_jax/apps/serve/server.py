@@ -204,9 +204,10 @@ class Worker(Server):
         if not data:
             asyncio.get_running_loop().remove_reader(self._control)
             self.should_exit = True
-        for descriptor in descriptors:
+        else:  # a connection, of which the system has dropped the descriptor if this process has too many
             self._received += 1
             self._report()  # before anything is read: if this process is killed, other workers get the rest
+        for descriptor in descriptors:
             task = asyncio.ensure_future(self._accept(socket.socket(fileno=descriptor)))
             self._accepting.add(task)
             task.add_done_callback(self._accepting.discard)

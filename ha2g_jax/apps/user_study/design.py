@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import read_json
+from ha2g_jax.files.reading import read_json, reading
 from ha2g_jax.files.writing import whole_file
 
 RATING, PREFERENCE, MISMATCH, ATTENTION = "rating", "preference", "mismatch", "attention"
@@ -35,6 +35,7 @@ POINTS = (1, 5)
 
 KEY_FILE = "key.json"
 _FORMAT, _VERSION = "ha2g-study-key", 1
+_EXPECTED = "the key.json of a study, as ha2g study make writes it"
 _MAX_BYTES = 1 << 26
 
 PARTS = (RATING, PREFERENCE, MISMATCH)
@@ -123,18 +124,20 @@ def read_key(study: pathlib.Path) -> Key:
     """Read the key of a study from its folder, or from the `key.json` in it.
 
     Raises:
-        UserError: there is no such file.
+        UserError: there is no such file, or it is no key of this version.
     """
     path = study / KEY_FILE if study.is_dir() else study
-    content = read_json(path, "the key.json of a study, as ha2g study make writes it", _MAX_BYTES)
-    del content["format"], content["version"]
-    content |= {name: tuple(content[name]) for name in ("systems", "clips", "scales", "points")}
-    content["stimuli"] = {name: Stimulus(**value) for name, value in content["stimuli"].items()}
-    content["items"] = tuple(
-        Item(value["id"], value["kind"], tuple(value.get("pair") or [value["stimulus"]]), value.get("expected"))
-        for value in content["items"]
-    )
-    return Key(**content)
+    content = read_json(path, _EXPECTED, _MAX_BYTES)
+    with reading(path, _EXPECTED, LookupError, TypeError, AttributeError):
+        if (content.pop("format"), content.pop("version")) != (_FORMAT, _VERSION):
+            raise ValueError("it is of another version")
+        content |= {name: tuple(content[name]) for name in ("systems", "clips", "scales", "points")}
+        content["stimuli"] = {name: Stimulus(**value) for name, value in content["stimuli"].items()}
+        content["items"] = tuple(
+            Item(value["id"], value["kind"], tuple(value.get("pair") or [value["stimulus"]]), value.get("expected"))
+            for value in content["items"]
+        )
+        return Key(**content)
 
 
 class Scene(NamedTuple):

@@ -77,7 +77,7 @@ def words_of(
         from ha2g_jax.features.words import alignment
 
         return inside(alignment.recognise(audio, model=recognise), duration)
-    file, chosen = _speaker_of(path)
+    file, chosen = split_speaker(path)
     text = read_text(file)
     if parse := _parser(text, file):
         words = _words(parse(text, file), chosen, file, duration, speaker)
@@ -141,7 +141,7 @@ def read_words(path: pathlib.Path) -> tuple[Word, ...]:
     Raises:
         UserError: the file cannot be read, or has no words, impossible times, or no times.
     """
-    file, speaker = _speaker_of(path)
+    file, speaker = split_speaker(path)
     return parse_words(read_text(file), file, speaker)
 
 
@@ -160,7 +160,7 @@ def parse_words(text: str, file: pathlib.Path, speaker: str = "") -> tuple[Word,
     return _words(parse(text, file), speaker, file)
 
 
-def _speaker_of(path: str | os.PathLike) -> tuple[pathlib.Path, str]:
+def split_speaker(path: str | os.PathLike) -> tuple[pathlib.Path, str]:
     """Return the file and the speaker of a path, empty for all speakers; a file may have # in its own name."""
     file, _, speaker = os.fspath(path).rpartition("#")
     if file and speaker and pathlib.Path(file).is_file():

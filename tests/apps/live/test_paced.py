@@ -91,6 +91,18 @@ def test_sound_of_another_rate_has_its_length():
     assert abs(np.count_nonzero(stream.own) - len(SOUND)) < 0.001 * RATE
 
 
+def test_a_piece_may_end_within_a_sample():
+    def script(paced, number):
+        if number == 3:
+            for piece in (SOUND.tobytes()[:333], SOUND.tobytes()[333:]):
+                paced.say(piece, RATE)
+            with pytest.raises(UserError, match="0 samples a second"):
+                paced.hear(SOUND.tobytes(), 0)
+
+    stream, _ = run(script)
+    np.testing.assert_array_equal(stream.own[stream.own != 0], SOUND / np.float32(32768))
+
+
 def test_after_clear_the_agent_is_silent_from_the_next_frame_on():
     def script(paced, number):
         if number == -1:

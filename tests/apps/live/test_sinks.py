@@ -144,6 +144,7 @@ def test_a_run_ends_although_a_page_does_not_read(make_frames, free_port, monkey
         (["ws://[::1:1"], "cannot read the address"),
         (["udp://nowhere.invalid:1"], "no host nowhere.invalid"),
         (["udp://127.0.0.1:9", "udp://127.0.0.1:9"], "the same"),
+        (["none/a.npz", "./none/a.npz"], "the same"),
         (["/proc/none/a.npz"], "cannot write /proc/none/a.npz"),
     ],
 )

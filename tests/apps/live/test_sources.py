@@ -98,6 +98,44 @@ def test_a_wav_on_stdin_is_heard_as_its_header_says(subtype, rate, size):
     np.testing.assert_allclose(sound[200:15000], tone(16000)[200:15000], atol=0.02)
 
 
+@pytest.mark.parametrize("size", [7, 1 << 20])
+def test_wavs_one_after_another_are_all_heard(size):
+    """As a speech service sends its sentences; the second has another rate, and values that are no numbers."""
+    spoiled = tone(24000)
+    spoiled[12000:12005] = np.nan
+    content = b""
+    for samples, rate in ((tone(16000), 16000), (spoiled, 24000)):
+        soundfile.write(file := io.BytesIO(), samples, rate, "FLOAT", format="WAV")
+        content += file.getvalue() + b"LIST\x04\0\0\0more"
+    decoder = Decoder(None)
+    pieces = [decoder.decode(content[start : start + size]) for start in range(0, len(content), size)]
+    sound = np.concatenate([*pieces, decoder.decode(b"", is_last=True)])
+    assert len(sound) == pytest.approx(32000, abs=2) and np.isfinite(sound).all()
+    for start in (0, 16000):
+        np.testing.assert_allclose(sound[start + 200 : start + 7500], tone(16000)[200:7500], atol=0.01)
+
+
+@pytest.mark.parametrize(("place", "value"), [(32, 0), (32, 3), (24, 1)])
+def test_a_header_that_cannot_be_is_refused(place, value):
+    """Without a size of its samples, with one of half a sample, or with one sample a second."""
+    soundfile.write(file := io.BytesIO(), tone(16000), 16000, format="WAV")
+    content = bytearray(file.getvalue())
+    content[place : place + 4] = value.to_bytes(2, "little") + (
+        content[place + 2 : place + 4] if place == 32 else b"\0\0"
+    )
+    with pytest.raises(UserError, match="is a WAV"):
+        list(sources.PipeSource(None, io.BytesIO(bytes(content))).chunks(Clock(), StopFlag()))
+
+
+def test_stdin_that_cannot_be_read_ends_the_run():
+    class Broken(io.BytesIO):
+        def read(self, size=-1, /):
+            raise OSError(9, "Bad file descriptor")
+
+    with pytest.raises(UserError, match=r"stdin cannot be read \(bad file descriptor\)"):
+        list(sources.PipeSource(16000, Broken()).chunks(Clock(), StopFlag()))
+
+
 @pytest.mark.parametrize(
     ("kind", "rate", "message"),
     [("FLAC", None, "what is sent is FLAC; send WAV or raw PCM"), ("WAV", 8000, "16000 samples a second, not 8000")],

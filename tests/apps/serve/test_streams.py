@@ -49,6 +49,7 @@ BAD_MESSAGES = {
     "deep JSON": (["[" * 10_000], "JSON"),
     "unknown name": (['{"speed": 1}'], "speed: no such name"),
     "look-ahead": (['{"look_ahead": 99}'], "the look-ahead is 99"),
+    "seed": (['{"seed": -1}'], "seed: "),
     "channels": (['{"channels": 3}'], "channels: expected 1 or 2"),
     "file": (['{"style": {"images": ["/etc/passwd"]}}'], "style.images: no such name"),
     "half a sample": (['{"channels": 2}', b"\0\0"], "whole samples of 16 bits"),

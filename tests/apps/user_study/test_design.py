@@ -118,5 +118,9 @@ def test_a_key_is_read_as_it_was_written_and_is_private(tmp_path):
     assert path.stat().st_mode & 0o777 == 0o600
     content = json.loads(path.read_text())
     assert (content["format"], content["version"]) == ("ha2g-study-key", 1)
+    for other in ({}, [], {"words": []}, content | {"version": 99}, content | {"items": [{}]}):
+        (tmp_path / "items.json").write_text(json.dumps(other))
+        with pytest.raises(UserError, match=r"items\.json is not the key\.json of a study"):
+            read_key(tmp_path / "items.json")
     rating, *_, attention = content["items"]
     assert rating.keys() == {"id", "kind", "stimulus"} and attention["expected"] == EXPECTED

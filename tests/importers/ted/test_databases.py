@@ -98,7 +98,7 @@ def test_any_meta_pages(database: pathlib.Path, tmp_path: pathlib.Path, data: st
         importer.check_whole(tmp_path)
 
 
-@settings(max_examples=12, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=6, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(seed=st.integers(0, 2**32))
 def test_any_pages(database: pathlib.Path, tmp_path: pathlib.Path, seed: int):
     """Whatever LMDB makes of damaged pages, the parent has the values or a line about the file."""

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 
 @jax.jit
 def add_twice(x):
-    return jax.lax.fori_loop(0, 2, lambda _, y: y + x, jnp.zeros(1 << 26))[0]  # y takes 256 MiB
+    return jax.lax.fori_loop(0, 2, lambda _, y: y + x, jnp.zeros(1 << 24))[0]  # y takes 64 MiB
 
 one = jnp.ones(()).block_until_ready()
 
@@ -26,7 +26,7 @@ def faults():
     return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
 
 # What other threads request may lie in the freed block, which is then too small for the next call.
-print(min(faults() for _ in range(10)) * resource.getpagesize() >> 20)
+print(min(faults() for _ in range(6)) * resource.getpagesize() >> 20)
 """
 
 
@@ -37,6 +37,6 @@ def test_memory_of_a_program_is_kept_unless_there_is_an_accelerator(tmp_path):
         return int(subprocess.run(command, capture_output=True, text=True, check=True, cwd=tmp_path).stdout)
 
     assert provided("keep") < 16
-    assert provided("return") >= 256  # MiB; otherwise there is nothing to keep
+    assert provided("return") >= 64  # MiB; otherwise there is nothing to keep
     (tmp_path / "libtpu.py").touch()
-    assert provided("keep") >= 256
+    assert provided("keep") >= 64

@@ -22,7 +22,7 @@ import { RunningJoin } from "./windows.js";
 const PAUSE_SECONDS = 0.3; // after the last sound, and before the hands begin to rest
 const REST_WINDOWS = 3; // of silence until a model is at rest
 const REMEMBERED_SECONDS = 60; // of returned frames, to which `clear` can go back
-const MEAN_SHARE = 0.5; // of the mean pose in the seed pose of a model that samples, see `running_generator.py`
+const MEAN_SHARE = 0.6; // of the mean pose in the seed pose of a model that samples, see `running_generator.py`
 
 /** A frame before its controls, what its time has of the agent's speech, and what it owes to the other. */
 interface Frame {
@@ -267,7 +267,7 @@ export class Stream {
     const mean = Float64Array.from(description.skeleton.mean_directions.flat());
     const distances = norms(poses.map((x, i) => x - rest[i % size]), size);
     const [farthest] = norms(mean.map((x, i) => x - rest[i]), size);
-    const shares = distances.map((distance) => MEAN_SHARE * Math.min(distance / farthest, 1));
+    const shares = distances.map((distance) => MEAN_SHARE * Math.min(distance / farthest, 1) ** 3);
     const mixed = Float64Array.from(poses, (x, i) => x + shares[Math.floor(i / size)] * (mean[i % size] - x));
     return Float32Array.from(unit(mixed, 3));
   }
