@@ -204,35 +204,35 @@ def system_differences(
     counts, sums = counts[is_there], sums[is_there]
     used = counts.sum((0, 1)) > 0
     counts, sums = counts[..., used], sums[..., used]
-    blocks, rights = _normal_equations(counts, sums)
-    block, right = blocks.sum(0), rights.sum(0)
-    value = _solve(block[None], right[None], num_systems)[0]
-    chunks = [slice(start, start + _CHUNK) for start in range(0, len(blocks), _CHUNK)]
-    without_participant = np.concatenate(
-        [_solve(block - blocks[chunk], right - rights[chunk], num_systems) for chunk in chunks]
-    )
+    matrix, right = _normal_equations(counts, sums)
+    value = _solve(matrix[None], right[None], num_systems)[0]
+    without_participant = []
+    for start in range(0, len(counts), _CHUNK):
+        one_by_one = range(start, min(start + _CHUNK, len(counts)))
+        matrices, rights = zip(*(_normal_equations(counts[it][None], sums[it][None]) for it in one_by_one), strict=True)
+        without_participant += [*_solve(matrix - np.stack(matrices), right - np.stack(rights), num_systems)]
     without_clip = []
     for clip in range(counts.shape[2]):
         left = np.arange(counts.shape[2]) != clip
-        blocks, rights = _normal_equations(counts[..., left], sums[..., left])
-        without_clip.append(_solve(blocks.sum(0)[None], rights.sum(0)[None], num_systems)[0])
-    return crossed(value, jackknife(without_participant.T), jackknife(np.array(without_clip).T))
+        matrix, right = _normal_equations(counts[..., left], sums[..., left])
+        without_clip.append(_solve(matrix[None], right[None], num_systems)[0])
+    return crossed(value, jackknife(np.array(without_participant).T), jackknife(np.array(without_clip).T))
 
 
 def _normal_equations(counts: np.ndarray, sums: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the normal equations of systems and clips for each participant, whose own effect is eliminated.
+    """Return the normal equations of systems and clips, from which the effects of the participants are eliminated.
 
-    They are matrices (P, S + C, S + C) and right sides (P, S + C), from the numbers and the sums of ratings (P, S, C).
+    They are a matrix (S + C, S + C) and a right side (S + C,), from the numbers and the sums of ratings (P, S, C).
     """
     num_systems = counts.shape[1]
     seen = np.concatenate([counts.sum(2), counts.sum(1)], axis=1)
     scored = np.concatenate([sums.sum(2), sums.sum(1)], axis=1)
     total = np.maximum(counts.sum((1, 2)), 1)
-    matrices = seen[:, :, None] * np.eye(seen.shape[1])
-    matrices[:, :num_systems, num_systems:] = counts
-    matrices[:, num_systems:, :num_systems] = counts.transpose(0, 2, 1)
-    matrices -= seen[:, :, None] * seen[:, None, :] / total[:, None, None]
-    return matrices, scored - seen * (sums.sum((1, 2)) / total)[:, None]
+    matrix = np.diag(seen.sum(0))
+    matrix[:num_systems, num_systems:] = counts.sum(0)
+    matrix[num_systems:, :num_systems] = counts.sum(0).T
+    matrix -= (seen / total[:, None]).T @ seen
+    return matrix, (scored - seen * (sums.sum((1, 2)) / total)[:, None]).sum(0)
 
 
 def _solve(matrices: np.ndarray, rights: np.ndarray, num_systems: int) -> np.ndarray:
