@@ -25,6 +25,8 @@ os.environ["JAX_COMPILATION_CACHE_DIR"] = os.environ.get(
     "JAX_COMPILATION_CACHE_DIR", str(pathlib.Path(__file__).parent.parent / ".cache" / "jax")
 )
 os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
+# Processes that compile one program at once may read half an entry of the other; it is compiled again.
+os.environ["PYTHONWARNINGS"] = "ignore:Error reading persistent compilation cache entry:UserWarning"
 os.environ["HA2G_ONEDNN"] = "0"  # the tests of oneDNN use it all the same
 # numba compiles librosa without optimisation here, and keeps the result apart from that of ordinary use.
 os.environ["NUMBA_OPT"] = "0"

@@ -15,7 +15,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.noise import track
 from ha2g_jax.features.spectrum import FLOOR_DB, hide_unheard, mel_power
-from ha2g_jax.metrics.beats.strokes import wrist_positions
+from ha2g_jax.metrics.beats.strokes import stroke_beats, wrist_positions
 from ha2g_jax.motion.control import Controls, rest_pose
 from ha2g_jax.motion.control.parts import arm_parts, bones_of
 from ha2g_jax.motion.windows import window_stride
@@ -85,6 +85,22 @@ def test_windows_that_exaggerate_do_not_carry_the_hands_away(sampling_model, sam
     live = stream.Stream(spec, sampling_model.variables, assets, hop=hop, has_hidden_ends=True)
     distances = np.linalg.norm(live.feed(speech(10)) - normalize(mean), axis=(1, 2))
     assert (distances[-1] < distances[0]) == stays
+
+
+def test_windows_that_come_to_rest_by_and_by_do(sampling_model, monkeypatch):
+    """Each window goes three quarters as far from the pose at rest as its seed pose, as those of the demo in noise."""
+    spec, variables, assets = sampling_model.spec, sampling_model.variables, sampling_model.assets
+    rest = normalize(-spec.skeleton.mean_directions + 0.5)
+
+    def calm(spec, variables, sound, style, seed_pose, noise):
+        is_silent = sound["mel"].max() <= FLOOR_DB
+        pose = normalize(rest + (0 if is_silent else 0.75) * (seed_pose[-1] - rest))
+        return np.broadcast_to(pose, (spec.num_frames, *pose.shape))
+
+    monkeypatch.setattr(running_generator, "generate_window", calm)
+    live = stream.Stream(spec, variables, assets, has_hidden_ends=True)
+    distances = np.linalg.norm(live.feed(speech(10)) - rest, axis=(1, 2))
+    assert distances[-1] < 0.01 * distances[0]
 
 
 @pytest.fixture(scope="module")
@@ -232,6 +248,18 @@ def test_a_stream_rests_within_a_second_of_silence(demo, part):
         assert resting.min() > 0 and resting.max() < 0.1 and resting.mean() < 0.05
         assert speeds[FPS:24].max() > 0.05 and speeds[54:].max() > 0.05
         assert np.abs(np.diff(speeds[44:52])).max() < 1.5  # and goes on without a jump
+
+
+@pytest.mark.parametrize("level", [-20, -50])
+def test_a_stream_makes_no_stroke_to_bursts_of_noise(demo, level):
+    """Those at -50 dBFS are at the level from which on there is sound, so that it rests between some of them."""
+    rng, decay = np.random.default_rng(0), np.exp(-np.arange(SAMPLE_RATE) / 800)
+    bursts = np.zeros(16 * SAMPLE_RATE)
+    for start in rng.integers(15 * SAMPLE_RATE, size=20):
+        bursts[start : start + SAMPLE_RATE] += rng.uniform(0.2, 1) * decay * rng.normal(size=SAMPLE_RATE)
+    sound = (bursts / np.sqrt(np.mean(bursts**2)) * 10 ** (level / 20)).astype(np.float32)
+    wrists = wrist_positions(demo.assets.skeleton, streamed(demo, np.clip(sound, -1, 1)))
+    assert not len(stroke_beats(wrists[FPS:], FPS))
 
 
 def movement_speeds(skeleton, frames):

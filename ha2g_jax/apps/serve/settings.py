@@ -5,6 +5,7 @@ import dataclasses
 import ipaddress
 import math
 import socket
+import urllib.parse
 from collections.abc import Iterator
 
 from ha2g_jax.errors import UserError
@@ -65,11 +66,24 @@ def check(settings: Settings) -> None:
         if not math.isfinite(value) or value < 0 or (value == 0 and not may_be_zero):
             expected = "of at least 0" if may_be_zero else "above 0"
             raise UserError(f"--{name.replace('_', '-')} is {value}; expected a number {expected}")
+    for origin in settings.origins:
+        if not _is_origin(origin):
+            raise UserError(f"--origin {origin!r} is not as browsers send it; give it in the form https://example.org")
     token = settings.token
     if token is not None and not (len(token) >= _MIN_TOKEN and token.isascii() and token.isprintable()):
         raise UserError(f"the token is too short, or not ASCII; give {_MIN_TOKEN} or more random characters")
     if token is None and not is_loopback(settings.host):
         raise UserError(f"other machines reach {settings.host}: give --token, or HA2G_TOKEN in the environment")
+
+
+def _is_origin(text: str) -> bool:
+    """Return whether a text is the origin of a page: lower case, without a path and without the usual port."""
+    try:
+        parts = urllib.parse.urlsplit(text)
+        is_usual = parts.port == {"http": 80, "https": 443}.get(parts.scheme, 0)
+    except ValueError:
+        return False
+    return bool(parts.hostname) and not is_usual and text == f"{parts.scheme}://{parts.netloc}".lower()
 
 
 @contextlib.contextmanager

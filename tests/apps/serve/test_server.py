@@ -22,6 +22,10 @@ def test_a_port_that_is_taken_is_one_line(capsys):
 BAD_SETTINGS = {
     "host": ({"host": "0.0.0.0"}, "other machines reach 0.0.0.0: give --token"),
     "short token": ({"token": "secret"}, "16 or more random characters"),
+    "no scheme": ({"origins": ("example.org",)}, "'example.org' is not as browsers send it"),
+    "path": ({"origins": ("https://example.org/",)}, "give it in the form https://example.org"),
+    "capitals": ({"origins": ("https://Example.org",)}, "Example"),
+    "port": ({"origins": ("https://example.org:443",)}, "443"),
     "rate": ({"rate": float("nan")}, "--rate is nan"),
 }
 
@@ -31,7 +35,7 @@ def test_bad_settings_are_refused(name):
     settings, message = BAD_SETTINGS[name]
     with pytest.raises(UserError, match=message):
         check(Settings(**settings))
-    check(Settings(host="0.0.0.0", token=TOKEN))
+    check(Settings(host="0.0.0.0", token=TOKEN, origins=("https://example.org", "http://localhost:3000")))
 
 
 def test_a_full_service_refuses_and_those_that_run_go_on(debug_model):

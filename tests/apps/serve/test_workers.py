@@ -51,7 +51,9 @@ def test_after_a_kill_other_streams_go_on_and_the_worker_is_replaced(debug_model
             frames, last = finish(websocket)
             assert len(frames) == last["count"] == len(expected)
         assert process.wait(30) == 0 and process.stderr is not None
-        (line,) = process.stderr.read().splitlines()
+        lines = process.stderr.read().splitlines()
+        assert len(lines) == 1, lines
+        line = lines[0]
         assert "was ended by SIGKILL; another one starts in 1 s" in line
 
 
