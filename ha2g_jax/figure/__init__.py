@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from PIL import Image, ImageDraw
 
+from ha2g_jax.errors import UserError
 from ha2g_jax.figure.person import arm_shapes, hair_behind, hand_parts, head_frame, head_shapes, trunk_shapes
 from ha2g_jax.figure.shapes import Colour, Look, Part, backdrop, enlarged, project
 from ha2g_jax.skeleton import Skeleton
@@ -166,6 +167,17 @@ class View(NamedTuple):
 DEFAULT_VIEW = View(-0.56, -0.70, 0.56, 0.42)
 # The smallest view of a camera, which is fitted to head and hands: to the hips, or of the upper body.
 CAMERAS = {"body": View(-0.36, -0.66, 0.36, 0.58), "close": View(-0.36, -0.66, 0.36, 0.06)}
+
+
+def view_of(camera: str) -> View:
+    """Return the smallest view of a camera.
+
+    Raises:
+        UserError: it is none of `CAMERAS`.
+    """
+    if camera not in CAMERAS:
+        raise UserError(f"no camera {camera!r}; expected one of {', '.join(CAMERAS)}")
+    return CAMERAS[camera]
 
 
 def fit(motions: Iterable[tuple[np.ndarray, Skeleton]], least: View = DEFAULT_VIEW) -> View:

@@ -17,7 +17,7 @@ import numpy as np
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.text import Word
-from ha2g_jax.figure import CAMERAS
+from ha2g_jax.figure import view_of
 from ha2g_jax.files.writing import whole_file
 from ha2g_jax.limits import MAX_MOTION_FRAMES
 from ha2g_jax.motion.armature import export_axes
@@ -90,8 +90,8 @@ def view(
         camera: one of `figure.CAMERAS`, as of `write_video`.
 
     Raises:
-        UserError: there is no motion, there are too many, or one is too long or not valid (see `Motion.check`), or the
-            sound is not mono or not finite.
+        UserError: there is no motion, there are too many, or one is too long or not valid (see `Motion.check`), the
+            sound is not mono or not finite, or there is no such camera.
     """
     motions = {"": motions} if isinstance(motions, Motion) else dict(motions)
     _check(motions)
@@ -108,7 +108,7 @@ def view(
             for (name, motion), body in zip(motions.items(), packed, strict=True)
         ],
         "bodies": bodies,
-        "view": CAMERAS[camera],
+        "view": view_of(camera),
         "levels": LEVELS,
         "words": [[word.text, round(word.start, 3), round(word.end, 3)] for word in words],
         "sound": None,

@@ -86,6 +86,8 @@ def test_what_cannot_be_shown_is_refused_in_one_line(tmp_path):
     for audio, message in ((np.zeros((2, 16000)), "mix it to mono"), (np.full(16000, np.nan), "not finite")):
         with pytest.raises(UserError, match=message):
             view(motion, audio)
+    with pytest.raises(UserError, match="no camera 'far'; expected one of body, close"):
+        view(motion, camera="far")
     with pytest.raises(UserError, match=r"not 'talk\.mp4'; give a name that ends in \.html"):
         view(motion).save(tmp_path / "talk.mp4")
     assert not list(tmp_path.iterdir())

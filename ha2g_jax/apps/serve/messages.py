@@ -14,13 +14,12 @@ from ha2g_jax.limits import MAX_SEED
 from ha2g_jax.motion.control import Controls, read_mute
 from ha2g_jax.motion.cues import Cue, check_cue
 from ha2g_jax.motion.cues.cue import check_name
-from ha2g_jax.motion.formats import SUFFIXES, choose_rig
+from ha2g_jax.motion.formats import choose_rig
 from ha2g_jax.motion.rigs import OWN
 from ha2g_jax.motion.windows import DEFAULT_HOP, DEFAULT_LOOK_AHEAD
 from ha2g_jax.synthesis.generator import Options
 from ha2g_jax.synthesis.style import VARIATION, Style, read_mixture
 
-FORMATS = tuple(suffix.removeprefix(".") for suffix in SUFFIXES)
 _SENTENCES = {  # for the kinds of mistakes of pydantic; those of a value are its own
     "extra_forbidden": "no such name; docs/serving.md has all",
     "json_invalid": 'the text is not JSON; send an object, such as {"end": true}',

@@ -17,7 +17,7 @@ from av.video.codeccontext import VideoCodecContext
 from av.video.reformatter import ColorRange
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.figure import CAMERAS, DEFAULT_LOOK, SHIRTS, View, align, fit
+from ha2g_jax.figure import DEFAULT_LOOK, SHIRTS, View, align, fit, view_of
 from ha2g_jax.figure.stage import Stage, draw, paint, set_stage
 from ha2g_jax.files.writing import whole_file
 from ha2g_jax.limits import MAX_FPS
@@ -71,8 +71,8 @@ def write_video(
         workers: number of threads that draw and encode; by default one for each core.
 
     Raises:
-        UserError: a motion is not valid (see `Motion.check`), the size or rate is out of range, or the file cannot be
-            written.
+        UserError: a motion is not valid (see `Motion.check`), the size or rate is out of range, there is no such
+            camera, or the file cannot be written.
     """
     motions = motion if isinstance(motion, Mapping) else {"": motion}
     for each in motions.values():
@@ -82,7 +82,7 @@ def write_video(
     rate = _to_rate(fps)
     frames = num_frames(longest if audio is None else len(audio) / sample_rate, float(rate))
     poses = [_poses(each, frames, float(rate)) for each in motions.values()]
-    views = align([_fit_poses([pose], CAMERAS[camera]) if view is None else view for pose in poses])
+    views = align([_fit_poses([pose], view_of(camera)) if view is None else view for pose in poses])
     stage = set_stage(tuple(motions), DEFAULT_LOOK.background, width, height, views)
     encode = functools.partial(_encode_piece, stage, poses, views, rate)
     options = {"movflags": "faststart", "fflags": "+bitexact"}
@@ -113,7 +113,7 @@ def write_video(
 def fit_view(motions: Iterable[Motion], seconds: float) -> View:
     """Fit one camera to all poses of several motions in some seconds, so that `write_video` shows them at one size."""
     frames = num_frames(seconds, VIDEO_FPS)
-    return _fit_poses((_poses(each, frames, VIDEO_FPS) for each in motions), CAMERAS["body"])
+    return _fit_poses((_poses(each, frames, VIDEO_FPS) for each in motions), view_of("body"))
 
 
 def _to_rate(fps: float | None) -> fractions.Fraction:
