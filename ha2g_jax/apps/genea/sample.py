@@ -24,6 +24,7 @@ from ha2g_jax.motion.readers.recordings import other_rate
 from ha2g_jax.motion.readers.smplx_arrays import NUM_SMPLH
 from ha2g_jax.motion.readers.smplx_body import JOINTS, Body, template
 from ha2g_jax.motion.rigs import retarget
+from ha2g_jax.progress import counted
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.synthesis.generator import Audio, Generator
 from ha2g_jax.synthesis.style import Style
@@ -215,8 +216,8 @@ class FromFiles:
         expected = count or max(map(len, found.values()), default=1)
         if short := [clip for clip in clips if len(found[clip]) != expected]:
             raise UserError(
-                f"{shown(folder)} has {len(found[short[0]])} motions of {shown(short[0])}; expected {expected} of each "
-                f"of the {len(clips)} clips, such as {shown(short[0])}.1.npz to {shown(short[0])}.{expected}.npz"
+                f"{shown(folder)} has {counted(len(found[short[0]]), 'motion')} of {shown(short[0])}; expected "
+                f"{expected} of each clip, named {shown(short[0])}.1.npz and so on"
             )
         self._folder, self._paths, self._body = folder, dict(found), body
         check_reading([path for paths in found.values() for path in paths], **reading)
