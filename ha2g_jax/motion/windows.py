@@ -13,6 +13,7 @@ DEFAULT_HOP = 2
 """Frames of a stream that are generated in one run: half the computation of 1, and motion that fits better."""
 
 _EASE_FRAMES = 10
+_MOST_FADE = 6  # frames; chosen, as the share of the look-ahead, on the validation split of Talk
 _TOLERANCE = 2.0  # times the usual distance from the course, which is no step
 
 
@@ -90,18 +91,24 @@ class RunningJoin:
     """Windows that come one after the other, each `hop` frames later, joined as they come.
 
     A window shows the frames from its `first` one on; those before it have been shown. What the window before expected
-    of the first frames that are shown fades out, so that the motion does not jump. With a hop of `window_stride` and
-    the first frame M the result is that of `join_windows`.
+    of the first frames that are shown fades out in hop + 1 frames, at most M, so that the motion does not jump. With
+    short hops and a look-ahead it fades out in up to 6 frames: several windows have then heard the speech of a frame,
+    and their mean trembles less. With a hop of `window_stride` and the first frame M the result is that of
+    `join_windows`.
 
     Args:
         window, overlap: frames N of a window and M of the seed pose.
         hop: frames from one window to the next, 1 to N - 2 M.
         first: number of the first frame that is shown, M to N - hop.
+        look_ahead: frames of speech that are heard beyond the last of the next `hop` frames.
     """
 
-    def __init__(self, window: int, overlap: int, hop: int, first: int):
+    def __init__(self, window: int, overlap: int, hop: int, first: int, look_ahead: int = 0):
         self._hop, self.first = hop, first
-        self._fade = min(hop + 1, overlap, window - first - hop)
+        fade = min(hop + 1, overlap)
+        if fade < overlap:
+            fade = max(fade, min(3 * look_ahead // 4, _MOST_FADE))
+        self._fade = min(fade, window - first - hop)
         self._shown: np.ndarray | None = None
 
     def restart(self) -> None:

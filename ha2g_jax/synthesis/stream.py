@@ -128,7 +128,7 @@ class Stream:
         first = spec.num_seed_frames
         if not has_hidden_ends:  # the window ends where the speech that is heard ends
             first = min(max(first, spec.num_frames - look_ahead - hop + 1), spec.num_frames - hop)
-        self._join = RunningJoin(spec.num_frames, spec.num_seed_frames, hop, first)
+        self._join = RunningJoin(spec.num_frames, spec.num_seed_frames, hop, first, look_ahead)
         longest = spec.num_frames + look_ahead  # frames from the start of a window to what is heard
         self._mel = RunningMel(window_columns(longest, self.fps) + window_column(_PAUSE_SECONDS, 1) + 2, reference)
         # The frames before the next new one, from the start of its window on.

@@ -112,14 +112,17 @@ def test_windows_that_come_one_by_one_are_joined_as_all_at_once(overlap):
     np.testing.assert_allclose(found, expected, atol=1e-6)
 
 
-@pytest.mark.parametrize("hop", [1, 2, 3, 10, 26])
-def test_a_shorter_hop_goes_over_from_what_was_expected(hop):
-    """Windows that stand still at an angle: the step is spread over one frame more than the hop, but over 4 at most."""
-    join = RunningJoin(34, 4, hop, 4)
+@pytest.mark.parametrize(
+    ("hop", "look_ahead", "fade"),
+    [(1, 0, 2), (2, 0, 3), (3, 0, 4), (10, 0, 4), (26, 0, 4), (2, 4, 3), (1, 8, 6), (2, 8, 6), (2, 30, 6), (3, 8, 4)],
+)
+def test_a_shorter_hop_goes_over_from_what_was_expected(hop, look_ahead, fade):
+    """Windows that stand still at an angle: the step is spread over frames, more of them where more is heard ahead."""
+    join = RunningJoin(34, 4, hop, 4, look_ahead)
     angles = [0.0] + [0.5] * 12
     shown = np.concatenate([join.add(np.repeat(circle(np.array([angle])), 34, axis=0))[:hop] for angle in angles])
     found = np.arctan2(shown[:, 0, 1], shown[:, 0, 0])
-    np.testing.assert_allclose(found[: hop + 1], [*[0] * hop, 0.5 / (min(hop + 1, 4) + 1)], atol=1e-6)
+    np.testing.assert_allclose(found[: hop + 1], [*[0] * hop, 0.5 / (fade + 1)], atol=1e-6)
     assert (np.diff(found) >= -1e-6).all() and abs(found[-1] - 0.5) < 0.01
 
 

@@ -93,7 +93,7 @@ export class Stream {
     let first = num_seed_frames;
     // Without hidden ends the window ends where the speech that is heard ends.
     if (!has_hidden_ends) first = Math.min(Math.max(first, num_frames - lookAhead - hop + 1), num_frames - hop);
-    this.join = new RunningJoin(num_frames, num_seed_frames, hop, first, sampler.size);
+    this.join = new RunningJoin(num_frames, num_seed_frames, hop, first, sampler.size, lookAhead);
     const kept = windowColumns(num_frames + lookAhead, fps) + windowColumn(PAUSE_SECONDS, 1) + 2;
     this.mel = new RunningMel(kept, reference);
     const pose = seed_poses[chooseTake(sampler.description, seed).seed_pose];

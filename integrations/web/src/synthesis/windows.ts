@@ -58,6 +58,8 @@ function fade(expected: Float32Array, window: Float32Array, frames: number, size
   return faded;
 }
 
+const MOST_FADE = 6; // frames, see `windows.py`
+
 /**
  * Windows that come one after the other, each `hop` frames later, joined as they come.
  *
@@ -74,6 +76,7 @@ export class RunningJoin {
    * @param hop - frames from one window to the next, 1 to N - 2 M.
    * @param first - number of the first frame of a window that is shown, M to N - hop.
    * @param size - numbers in a frame.
+   * @param lookAhead - frames of speech that are heard beyond the last of the next `hop` frames.
    */
   constructor(
     window: number,
@@ -81,8 +84,11 @@ export class RunningJoin {
     private readonly hop: number,
     readonly first: number,
     private readonly size: number,
+    lookAhead = 0,
   ) {
-    this.fadeFrames = Math.min(hop + 1, overlap, window - first - hop);
+    let frames = Math.min(hop + 1, overlap);
+    if (frames < overlap) frames = Math.max(frames, Math.min(Math.floor((3 * lookAhead) / 4), MOST_FADE));
+    this.fadeFrames = Math.min(frames, window - first - hop);
   }
 
   /** Lets the next window be joined to nothing, like the first one. */
