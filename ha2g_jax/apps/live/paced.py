@@ -45,7 +45,7 @@ class PacedStream:
         """Append sound of the agent.
 
         Args:
-            pcm: 16 bits, little-endian, mono; half a sample at its end waits for the next call.
+            pcm: 16 bits, little-endian, mono; half a sample at its end waits for the next call with the same rate.
             rate: samples per second.
 
         Returns:
@@ -118,6 +118,7 @@ class _Voice:
             raise UserError(f"{rate} samples a second; expected {MIN_SOUND_RATE} to {MAX_SOUND_RATE}")
         if rate != self._rate:
             self._end(rate)
+            self._rest = b""
         pcm = self._rest + pcm
         whole = len(pcm) // 2 * 2
         pcm, self._rest = pcm[:whole], pcm[whole:]

@@ -82,7 +82,8 @@ class Decoder:
     """Conversion of the bytes of raw PCM or of a WAV to samples, mono or (samples, 2), at a rate, by default 16 kHz.
 
     A WAV is known by its header, which says its rate, channels and type; part of a sample is kept for the next bytes.
-    After the sound of a WAV, what is no other WAV is dropped. Values that are not finite become 0.
+    Several WAVs may follow one another; bytes between the sound of one and the next are dropped. Values that are not
+    finite become 0.
     """
 
     def __init__(self, rate: int | None, channels: int = 1) -> None:

@@ -25,6 +25,7 @@ import numpy as np
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.npz import read_npz
 from ha2g_jax.limits import MAX_FACE_VALUES, MAX_MOTION_FPS, MAX_SMPLX_FRAMES, MIN_MOTION_FPS
+from ha2g_jax.motion.motion import FACE
 from ha2g_jax.motion.readers.smplx_body import JOINTS
 from ha2g_jax.motion.rigs import load_rig
 
@@ -51,9 +52,6 @@ POSITIONS = ("joints", "joints3d", "joints_3d", "positions", "keypoints3d", "key
 
 NUM_SMPLH = 52
 """Joints of SMPL-H."""
-
-NUM_ARKIT = 52
-"""Blend shapes of ARKit."""
 
 # Joints only; with points of the face and tips of toes and fingers; with landmarks of the face.
 NUM_POSITIONS = (55, 76, 127, 144)
@@ -295,7 +293,8 @@ def _good(arrays: Mapping[str, np.ndarray], count: int, poses: str) -> np.ndarra
 
 def _face(arrays: Mapping[str, np.ndarray], count: int, poses: str) -> dict[str, np.ndarray]:
     face = {}
-    for names, width in ((_EXPRESSIONS, None), (_ARKIT, NUM_ARKIT)):
+    for names in (_EXPRESSIONS, _ARKIT):
+        width = FACE[names[0]]
         for name in names:
             array = arrays.get(name)
             if array is None:
