@@ -1,6 +1,7 @@
 """What oneDNN computes is what XLA computes, with the same gradients, and training uses it where it is installed."""
 
 import contextlib
+import ctypes
 import importlib.metadata
 import os
 import re
@@ -84,6 +85,31 @@ def test_gradients_of_gradients_of_any_shape(batch, edges, values, kernel, strid
     (conv, _), arguments = both(batch, edges, values[0], values[1], kernel, stride, padding)
     true = gradients(gradients(lambda x, kernel: direct_conv(x, kernel, stride, padding)))
     assert_close(jax.jit(gradients(gradients(conv)))(*arguments), jax.jit(true)(*arguments), 1e-4)
+
+
+def test_nothing_beside_the_arrays_is_written():
+    """A strided kernel of one pixel damaged the heap below eight channels, as at the size debug."""
+    checker = "libc_malloc_debug.so.0"
+    try:
+        ctypes.CDLL(checker)
+    except OSError:
+        pytest.skip(f"no {checker} here")
+    program = """
+import jax, jax.numpy as jnp
+from ha2g_jax.layers.cpu import onednn
+from ha2g_jax.layers.cpu.onednn.library import is_available
+assert is_available()
+for inputs, kernel, stride, padding in ((4, 1, 2, 0), (3, 1, 3, 1), (4, 3, 2, 1), (5, 1, 1, 0)):
+    total = lambda x, kernel: onednn.conv(x, kernel, (stride, stride), padding).sum()
+    gradient = jax.jit(jax.grad(total, (0, 1)))
+    for _ in range(30):
+        jax.block_until_ready(gradient(jnp.ones((4, 8, 8, inputs)), jnp.ones((kernel, kernel, inputs, 8))))
+"""
+    flags = {"XLA_FLAGS": "", "HA2G_ONEDNN": "1", "LD_PRELOAD": checker, "MALLOC_CHECK_": "3"}
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=os.environ | flags, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
 
 
 def recurrence(steps, batch, width):
