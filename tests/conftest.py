@@ -51,15 +51,21 @@ SLOW = (
 )
 
 # What `make test` leaves to `make test-all`: damaged files by the thousand, commands that parsing has already checked,
-# a cluster on this machine, long notebooks, and further networks, data and precisions, of which each step is compiled.
+# recipes of which it checks that they apply, a cluster on this machine, long notebooks, and further networks, data and
+# precisions, of which each step is compiled.
 THOROUGH = (
     "fuzz/",
     "test_docs_commands.py::test_commands_of_a_page_run",
     "test_baselines.py",
+    "test_extending.py::test_recipe_works",
+    "test_notebooks.py::test_notebook_runs[04",
     "test_notebooks.py::test_notebook_runs[05",
     "test_notebooks.py::test_notebook_runs[06",
+    "methods/ha2g/test_method.py::test_parts_on_eight_devices_give_the_update_of_the_whole_on_one",
     "methods/test_baselines.py::test_eight_devices_take_the_step_of_one",
     "methods/test_baselines.py::test_half_precision_is_near_single_precision",
+    "methods/test_baselines.py::test_one_batch_is_learnt_by_heart",
+    "methods/test_speech2gesture.py::test_legacy_trains_as_the_published_comparison_did",
     "train/test_loop.py::test_two_steps_on_recordings[ted",
     "train/test_step.py::test_bfloat16_changes_the_terms_by_little",
     "importers/video/test_build.py::test_a_cluster_gives_the_same_bytes_and_survives_a_killed_worker",
