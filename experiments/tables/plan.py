@@ -45,6 +45,7 @@ _CORPORA = {
     (factorial.TABLE, False): ("talk-corpus", factorial.SPEAKERS, factorial.MINUTES),
 }
 _OPTIONS = {"seed": "--seeds", "data.path": "--data NAME:DIR"}  # settings that are options of their own
+_LONGEST_NAME = 200  # bytes of the name of a run; file systems allow 255
 _WHISPER = "model.audio.weights"
 _NO_WHISPER = f"it needs the weights of Whisper: --changes {_WHISPER}=FOLDER"
 
@@ -205,9 +206,11 @@ def plan_grid(spec: str, workdir: pathlib.Path, grids: Sequence[str], overrides:
         name = ",".join(f"{labels[key]}={value}" for key, value in settings.items())
         name = re.sub(r"[^\w.,=+-]+", "_", re.sub(r"[][(){}\s]", "", name))
         config = load_config(spec, [*overrides, *(f"--config.{key}={value}" for key, value in settings.items())])
+        if settings in [run.changed for run in runs]:
+            raise UserError(f"two runs of the grid {' '.join(grids)} are the same; give every value once")
+        if len(name.encode()) > _LONGEST_NAME or name in {run.name for run in runs}:
+            name = f"{name[: _LONGEST_NAME // 4]}-{digest(settings)}"
         runs.append(Run(name, config.seed, config, workdir / name, settings))
-    if len({run.name for run in runs}) < len(runs):
-        raise UserError(f"two runs of the grid {' '.join(grids)} are the same; give every value once")
     return runs
 
 

@@ -151,7 +151,9 @@ def _retrieve(plan: TablePlan, request: Request) -> dict[str, list[ClipResult]]:
 def _draws(rows: Rows) -> dict[str, list[float | None]]:
     """Return diversity (L1) of the model and of ground truth in ten random draws of pairs (Table 12)."""
     found = {name: diversity.row_draws(rows.rows[name]) for name in (MODEL, TRUTH)}
-    return {name: [] if draws is None else _numbers(draws.l1) for name, draws in found.items()}
+    return {
+        name: [] if draws is None or np.isnan(draws.l1).any() else _numbers(draws.l1) for name, draws in found.items()
+    }
 
 
 def _sweep(rows: Rows) -> dict[str, dict[str, list[float | None]]]:

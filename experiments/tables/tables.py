@@ -256,7 +256,7 @@ def draws_table(scores: RowScores, split: str) -> str:
     for name, mine in scores.items():
         for seed, one in mine.items():
             draws = one["splits"][split]["draws"]
-            if draws[TRUTH]:  # empty where no clip is as long as a window
+            if draws[TRUTH]:  # empty where no two windows are of different recordings
                 groups.setdefault(TRUTH, draws[TRUTH])
                 groups[f"{name}, seed {seed}"] = draws[MODEL]
     lines = [("group", *map(str, range(1, len(TABLE_12) + 1)), "mean", "range / mean")]

@@ -7,19 +7,19 @@ import operator
 import os
 import pathlib
 import types
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, cast
 
 import msgpack
 import numpy as np
 
 from ha2g_jax.data import recording, records
-from ha2g_jax.data.corpus import Clips, Corpus
+from ha2g_jax.data.corpus import FILE, Clips, Corpus
 from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.recording import Report, SplitReport
 from ha2g_jax.data.records import STORED_NAMES
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import resolved
+from ha2g_jax.files.reading import file_sha256, resolved
 from ha2g_jax.progress import progress_bar, track
 
 # Entries that `CorpusWriter` adds to the description of a corpus.
@@ -45,7 +45,8 @@ def merge(paths: Sequence[str | os.PathLike], dst: str | os.PathLike, *, same_sp
     the other entries of each corpus under "merged". Nothing is left of `dst` if the work is interrupted.
 
     Raises:
-        UserError: `dst` exists, there are fewer than two corpora, one is damaged or occurs twice, or they do not fit.
+        UserError: `dst` exists, there are fewer than two corpora, one is damaged or occurs twice, alone or as a part
+            of another, or they do not fit.
     """
     corpora = [Corpus.open(path) for path in paths]
     _check_that_they_fit(corpora)
@@ -71,10 +72,14 @@ def description(corpus: Corpus) -> dict[str, Any]:
 def _check_that_they_fit(corpora: list[Corpus]) -> None:
     if len(corpora) < 2:
         raise UserError(f"{len(corpora)} corpus to merge; give at least two")
-    first = corpora[0]
+    first, found = corpora[0], dict[str, Corpus]()
     for number, corpus in enumerate(corpora):
         if any(resolved(corpus.path) == resolved(other.path) for other in corpora[:number]):
             raise UserError(f"{corpus.path} is given twice; name each corpus once")
+        for part in (_sha256(corpus), *_parts(corpus.metadata.get("merged", ()))):
+            if part in found:
+                raise UserError(f"{found[part].path} and {corpus.path} have the same clips; merge each corpus once")
+            found[part] = corpus
         if corpus.skeleton.name != first.skeleton.name:
             raise UserError(
                 f"{first.path} has skeleton {first.skeleton.name} ({first.skeleton.num_joints} joints), {corpus.path} "
@@ -147,8 +152,8 @@ def _metadata(corpora: list[Corpus], dst: str | os.PathLike) -> dict[str, Any]:
         for split in splits
     }
     merged = [
-        {"folder": label, "source": _NOT_STATED, "licence": _NOT_STATED, **_stated(text)}
-        for label, text in zip(_labels(corpora), described, strict=True)
+        {"folder": label, "source": _NOT_STATED, "licence": _NOT_STATED, **_stated(text), "sha256": _sha256(corpus)}
+        for label, text, corpus in zip(_labels(corpora), described, corpora, strict=True)
     ]
     return {
         "name": pathlib.Path(dst).name,
@@ -157,6 +162,19 @@ def _metadata(corpora: list[Corpus], dst: str | os.PathLike) -> dict[str, Any]:
         "import": recording.report_as_json(added),
         "merged": merged,
     }
+
+
+def _sha256(corpus: Corpus) -> str:
+    """Return the hash of the description, which has those of all shards."""
+    return file_sha256(corpus.path / FILE)
+
+
+def _parts(parts: Iterable[Mapping[str, Any]]) -> Iterator[str]:
+    """Yield the hashes of corpora that are in a merged one, at any depth."""
+    for part in parts:
+        if "sha256" in part:  # not in corpora that an earlier version merged
+            yield part["sha256"]
+        yield from _parts(part.get("merged", ()))
 
 
 def _stated(text: dict[str, Any]) -> dict[str, Any]:

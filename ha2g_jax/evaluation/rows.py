@@ -111,18 +111,19 @@ def _common(
         notes.append(f"clips of the reference that lack the motion of a method and are left out: {missing}")
     if short := len(shared) - len(kept):
         notes.append(f"clips of less than {MIN_FRAMES} frames, which are left out: {short}")
-    cut = [clip.num_frames - lengths[clip.id] for clip in kept if clip.num_frames > lengths[clip.id]]
-    if cut:
-        seconds = sum(cut) / kept[0].fps
-        notes.append(
-            f"clips whose reference was cut to the length of the motion: {len(cut)}, by {seconds:.1f} s in all"
-        )
+    if cut := _cut(kept, lengths):
+        notes.append(f"clips whose reference was cut to the length of the motion: {cut}")
     kept_ids = {clip.id for clip in kept}
     for name, clips in methods.items():
-        longer = sum(clip.num_frames > lengths[clip.id] for clip in clips if clip.id in kept_ids)
-        if longer:
-            notes.append(f"{name}: clips whose motion was cut to the length of the shortest: {longer}")
+        if cut := _cut([clip for clip in clips if clip.id in kept_ids], lengths):
+            notes.append(f"{name}: clips whose motion was cut to the length of the shortest: {cut}")
     return kept, lengths
+
+
+def _cut(clips: Sequence[ClipResult], lengths: Mapping[str, int]) -> str:
+    """Say how many clips are longer than their lengths in frames, and by how much; an empty text where none is."""
+    cut = [clip.num_frames - lengths[clip.id] for clip in clips if clip.num_frames > lengths[clip.id]]
+    return f"{len(cut)}, by {sum(cut) / clips[0].fps:.1f} s in all" if cut else ""
 
 
 def _check_alike(clips: Sequence[ClipResult]) -> None:

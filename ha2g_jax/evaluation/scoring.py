@@ -21,6 +21,7 @@ from ha2g_jax.metrics.beats import strokes
 from ha2g_jax.metrics.hands import upper_body
 from ha2g_jax.metrics.row import SEED_FRAMES
 from ha2g_jax.motion.readers import Reading, check_reading, read_motion
+from ha2g_jax.motion.readers.recordings import compare_lengths
 from ha2g_jax.progress import stage
 from ha2g_jax.skeleton import directions_to_positions, load_skeleton
 
@@ -190,15 +191,13 @@ def evaluate_recording(
         scores of the strokes are in "recording", {"rows": {"model": {metric: {"value", "low", "high", "error"}}}}.
 
     Raises:
-        UserError: the checkpoint or the speech cannot be used, or there are less than 10 s of speech.
+        UserError: a file or the checkpoint cannot be used, there are less than 10 s of speech or of motion, or the
+            lengths of the two differ so much that they cannot belong together.
     """
     from ha2g_jax import synthesis
 
-    audio = read_audio(pathlib.Path(speech))
-    if len(audio) < MIN_SECONDS * SAMPLE_RATE:
-        raise UserError(
-            f"{shown(speech)} has {len(audio) / SAMPLE_RATE:.1f} s of sound; expected at least {MIN_SECONDS:g} s"
-        )
+    audio, warnings = read_audio(pathlib.Path(speech)), []
+    _check_long_enough(speech, len(audio) / SAMPLE_RATE, "sound")
     if motion is None:
         with stage("loading the model"):
             model = synthesis.load(checkpoint)
@@ -208,8 +207,11 @@ def evaluate_recording(
         inputs = {"checkpoint": str(checkpoint), "model": model.assets.hash}
     else:
         body = load_skeleton(skeleton or read_motion(motion, **reading).meta["skeleton"])
-        directions = read_directions(pathlib.Path(motion), body.name, **reading).directions
-        fps, first_frame, inputs = FPS, 0, {"motion": shown(motion)}
+        read = read_directions(pathlib.Path(motion), body.name, **reading)
+        directions, fps, first_frame, inputs = read.directions, FPS, 0, {"motion": shown(motion)}
+        seconds = len(directions) / FPS
+        warnings += filter(None, [compare_lengths(pathlib.Path(motion), seconds, read.fps, audio)])
+        _check_long_enough(motion, seconds, "motion")
     places = directions_to_positions(body, directions.astype(np.float64))
     row = strokes.recording_row(audio, upper_body(body, places, fps), first_frame)
     name = "model" if motion is None else "motion"
@@ -229,7 +231,7 @@ def evaluate_recording(
         "settings": {"first_frame": first_frame, "seed": seed, "draws": 0, "level": LEVEL},
         "autoencoder": None,
         "flags": [],
-        "warnings": [],
+        "warnings": warnings,
         "notes": [],
         "recording": {
             "rows": {name: {key: score_as_json(score) for key, score in measure(row, "recording").items()}},
@@ -240,6 +242,11 @@ def evaluate_recording(
         },
     }
     return make_results(inputs | {"speech": shown(speech)}, {shown(pathlib.Path(speech).name): section})
+
+
+def _check_long_enough(path: str | os.PathLike, seconds: float, of: str) -> None:
+    if seconds < MIN_SECONDS:
+        raise UserError(f"{shown(path)} has {seconds:.1f} s of {of}; expected at least {MIN_SECONDS:g} s")
 
 
 def make_results(inputs: Mapping[str, str], sections: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:

@@ -261,7 +261,7 @@ def _import_file(
     try:
         motion = read(recording.path)
         audio, words = read_speech(recording, with_words=options.with_words)
-        warning = compare_lengths(recording, motion.seconds, motion.fps, audio)
+        warning = compare_lengths(recording.path, motion.seconds, motion.fps, audio)
     except UserError as error:
         return _failed(str(error))
     skeleton = load_skeleton(options.skeleton)
@@ -281,7 +281,7 @@ def _import_file(
 
 
 def _failed(error: str) -> _Result:
-    return _Result([], SplitReport(rejected=collections.Counter({_UNUSABLE: 1})), error=error)
+    return _Result([], SplitReport(videos=1, rejected=collections.Counter({_UNUSABLE: 1})), error=error)
 
 
 def _good_stretches(is_good: np.ndarray | None, count: int) -> list[tuple[int, int]]:

@@ -118,7 +118,7 @@ _MEASURES: tuple[tuple[str, str, str, int, Callable[[UpperBody], float]], ...] =
     ("slower_wrist", "slower wrist", "m/s", 2, slower_wrist),
     ("both_moving", "both hands moving", "", 2, both_moving),
     ("one_moving", "one hand moving", "", 2, one_moving),
-    ("lateral_spread", "lateral sd of a wrist", "cm", 1, lateral_spread),
+    ("lateral_spread", "lateral sd of wrist", "cm", 1, lateral_spread),
     ("hand_distance", "distance of hands", "cm", 0, lambda body: float(hand_distances(body).mean())),
     ("hand_distance_sd", "sd of the distance", "cm", 1, lambda body: float(hand_distances(body).std())),
     ("nearest_segment", "nearest segment", "cm", 1, nearest_segment),

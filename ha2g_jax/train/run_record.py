@@ -22,7 +22,7 @@ from ha2g_jax.checkpoint.model_folder import config_to_json
 from ha2g_jax.config.settings import Config
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import read_json, reason, resolved
+from ha2g_jax.files.reading import read_json, reason, resolved, shown
 from ha2g_jax.files.writing import whole_file
 from ha2g_jax.layers.cpu.onednn.library import used_version
 from ha2g_jax.limits import MAX_RECORD_BYTES
@@ -101,7 +101,10 @@ def commit(package: pathlib.Path) -> str | None:
 
 def _read(workdir: pathlib.Path) -> dict[str, Any]:
     path = workdir / RUN
-    return read_json(path, "the record of a run", MAX_RECORD_BYTES) if path.exists() else {"starts": []}
+    record = read_json(path, "the record of a run", MAX_RECORD_BYTES) if path.exists() else {"starts": []}
+    if not isinstance(record, dict) or not isinstance(record.get("starts"), list):
+        raise UserError(f"{shown(path)} is not the record of a run; remove it, then the same command continues")
+    return record
 
 
 def _write(workdir: pathlib.Path, record: dict[str, Any]) -> None:

@@ -5,6 +5,7 @@ Nothing here imports JAX, for which a list of runs should not wait.
 
 import contextlib
 import json
+import operator
 import pathlib
 from collections.abc import Iterator
 
@@ -51,10 +52,14 @@ def read_metrics(path: pathlib.Path, containing: str = "") -> list[dict[str, flo
         raise UserError(f"no metrics in {shown(path)}; expected the metrics.jsonl of a workdir")
     lines = path.read_text(errors="replace").split("\n")[:-1]
     chosen = [*(line for line in lines[:-1] if containing in line), *lines[-1:]]
-    try:
-        return [json.loads(line) for line in chosen]
-    except ValueError as error:
-        raise UserError(f"{shown(path)} has a damaged line ({error}); remove it") from error
+    rows = []
+    for line in chosen:
+        try:
+            rows.append(json.loads(line))
+            operator.index(rows[-1]["step"])
+        except (ValueError, TypeError, LookupError) as error:
+            raise UserError(f"{shown(path)} has a damaged line, {shown(line[:80])}; remove it") from error
+    return rows
 
 
 @contextlib.contextmanager

@@ -2,6 +2,7 @@
 
 import collections
 import dataclasses
+import hashlib
 import shutil
 
 import numpy as np
@@ -77,9 +78,10 @@ def test_description(corpora, tmp_path):
         "rejected": {"too short": 1},
     }
     assert corpus.metadata["import"]["test"]["kept"] == 3
+    one, two = (hashlib.sha256((path / "dataset.json").read_bytes()).hexdigest() for path in corpora)
     assert corpus.metadata["merged"] == [
-        {"folder": "one", "source": "first", "licence": "free", "settings": 3},
-        {"folder": "two", "source": "second", "licence": "free"},
+        {"folder": "one", "source": "first", "licence": "free", "settings": 3, "sha256": one},
+        {"folder": "two", "source": "second", "licence": "free", "sha256": two},
     ]
     assert set(corpus.vocabulary().words) == {"hello", "you", "goodbye"}
 
@@ -104,14 +106,24 @@ def test_speakers_of_one_name_may_be_one_person(corpora, tmp_path):
 
 def test_folders_of_one_name(corpora, tmp_path):
     (tmp_path / "other").mkdir()
-    shutil.copytree(corpora[0], tmp_path / "other" / "one")
+    shutil.copytree(corpora[1], tmp_path / "other" / "one")
     regroup.merge([corpora[0], tmp_path / "other" / "one"], tmp_path / "all")
     assert [clip.id for clip in Corpus.open(tmp_path / "all").clips("train")] == [
         "one-a",
-        "one-b",
+        "b",
         "one-2-a",
-        "one-2-b",
     ]
+
+
+def test_clips_that_are_in_a_part_already_are_refused(corpora, tmp_path):
+    """A later division would put equal clips into training and test."""
+    regroup.merge(corpora, tmp_path / "both")
+    regroup.divide(tmp_path / "both", tmp_path / "divided", fractions={"train": 0.5, "test": 0.5})
+    shutil.copytree(corpora[0], tmp_path / "copy")
+    for others in ([corpora[0]], [tmp_path / "copy"], [tmp_path / "divided"]):
+        with pytest.raises(UserError, match="have the same clips"):
+            regroup.merge([tmp_path / "both", *others], tmp_path / "all")
+    assert not (tmp_path / "all").exists()
 
 
 def test_what_does_not_fit_is_refused(corpora, tmp_path):

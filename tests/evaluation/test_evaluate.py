@@ -210,7 +210,7 @@ def test_motion_is_cut_to_the_common_length_and_counted(skeleton, perform):
     assert results["data"]["seconds"] == 6 * 4
     assert "clips whose reference was cut to the length of the motion: 6, by 24.0 s in all" in results["notes"]
     results = evaluate({"long": long}, short, skeleton, draws=2)
-    assert "long: clips whose motion was cut to the length of the shortest: 6" in results["notes"]
+    assert "long: clips whose motion was cut to the length of the shortest: 6, by 24.0 s in all" in results["notes"]
 
 
 def test_several_performances_of_a_clip_are_all_scored(skeleton, perform):

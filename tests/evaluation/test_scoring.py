@@ -12,6 +12,8 @@ from ha2g_jax.evaluation.scoring import evaluate_recording
 from ha2g_jax.evaluation.table import as_markdown, as_table
 from ha2g_jax.metrics.beats import strokes
 from ha2g_jax.metrics.hands import UpperBody
+from ha2g_jax.motion.motion import Motion
+from ha2g_jax.skeleton import normalize
 
 CLICKS = np.cumsum(np.random.default_rng(3).uniform(0.45, 1.1, 70))
 SECONDS = 50
@@ -92,6 +94,20 @@ def test_a_file_has_results_of_the_same_shape(audio, debug_model, tmp_path, monk
     soundfile.write(tmp_path / "short.wav", audio[: 3 * 16000], 16000)
     with pytest.raises(UserError, match=r"3\.0 s of sound; expected at least 10 s"):
         evaluate_recording("any", tmp_path / "short.wav")
+
+
+def test_a_motion_of_another_length_than_the_speech_is_noticed(audio, debug_model, tmp_path):
+    speech, motion = tmp_path / "speech.wav", tmp_path / "motion.npz"
+    soundfile.write(speech, audio[: 24 * 16000], 16000)
+    for seconds, warnings in ((24, 0), (20, 1)):
+        directions = np.repeat(debug_model.spec.skeleton.mean_directions[None], seconds * 15, axis=0)
+        Motion.from_directions(debug_model.spec.skeleton, normalize(directions), 15).save(motion)
+        (section,) = evaluate_recording("any", speech, motion=motion)["sections"].values()
+        assert len(section["warnings"]) == warnings
+    assert "without the last 4.0 s of audio" in section["warnings"][0]
+    soundfile.write(speech, audio[: 44 * 16000], 16000)
+    with pytest.raises(UserError, match="which do not belong together"):
+        evaluate_recording("any", speech, motion=motion)
 
 
 def test_scored_frames_that_were_given_are_named():

@@ -55,11 +55,21 @@ def test_the_grid_is_a_product_with_readable_names(tmp_path):
     assert {run.config.train.steps for run in runs} == {7}
 
 
+def test_names_of_runs_differ_and_are_names_of_folders(tmp_path):
+    paths = ["/a/b", "/a_b", "/long" * 80, "/long" * 80 + "er"]
+    runs = plan_grid(CONFIG, tmp_path, [f"data.path={','.join(paths)}"])
+    assert [run.config.data.path for run in runs] == paths
+    assert len({run.name for run in runs}) == 4 and runs[0].name == "path=_a_b"
+    for run in runs:
+        run.workdir.mkdir()
+
+
 @pytest.mark.parametrize(
     ("grids", "named"),
     [
         (["train.batch_sise=1,2"], "batch_size"),
         (["train.betas=(0.5,0.9"], "close the brackets"),
+        (["seed=0,1,0"], "give every value once"),
     ],
 )
 def test_a_grid_that_cannot_be_used_starts_nothing(stub, tmp_path, capsys, grids, named):

@@ -72,10 +72,12 @@ def test_progress_and_best_score(make_run):
 def test_a_damaged_run_is_listed_with_its_reason(make_run, tmp_path, capsys):
     make_run("good", is_finished=True)
     (make_run("bad") / "config.json").write_text("")
+    (make_run("worse") / "metrics.jsonl").write_text("12\n")
     assert cli.main(["runs", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
-    assert [line.split()[0] for line in printed.splitlines()[:3]] == ["run", "bad", "good"]
+    assert [line.split()[0] for line in printed.splitlines()[:4]] == ["run", "bad", "good", "worse"]
     assert "bad: damaged, " in printed and "config" in printed
+    assert "worse: damaged, metrics.jsonl has a damaged line" in printed
 
 
 def test_runs_are_found_at_any_depth_and_nothing_below_them(make_run, tmp_path):

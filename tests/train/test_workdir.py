@@ -18,7 +18,7 @@ from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.methods import build
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.train import fits, run_record
-from ha2g_jax.train.workdir import LOCK, is_training, only_run
+from ha2g_jax.train.workdir import LOCK, is_training, only_run, read_metrics
 
 
 def test_a_second_training_is_refused_until_the_first_ends(tmp_path):
@@ -99,6 +99,23 @@ def test_every_start_is_kept(start, tmp_path, tiny_talk, monkeypatch):
     assert entry["hardware"]["devices"] == {"cpu": 8} and entry["hardware"]["processes"] == 1
     digest = hashlib.sha256((tiny_talk / "dataset.json").read_bytes()).hexdigest()
     assert entry["corpus"] == {"path": str(tiny_talk), "sha256": digest}
+
+
+@pytest.mark.parametrize("text", ["{}", "[]", '{"starts": 3}'])
+def test_a_record_that_is_none_is_named(start, tmp_path, text):
+    (tmp_path / "run.json").write_text(text)
+    with pytest.raises(UserError, match=r"run\.json is not the record of a run"):
+        start(0)
+
+
+@pytest.mark.parametrize("line", ["{}", "12", '{"step": "4"}', '{"step": 4'])
+def test_a_line_of_metrics_that_is_none_is_named(tmp_path, line):
+    path = tmp_path / "metrics.jsonl"
+    path.write_text(f'{{"step": 1}}\n{line}\n{{"step": 5}}\n{{"step": 6')
+    with pytest.raises(UserError, match=r"metrics\.jsonl has a damaged line"):
+        read_metrics(path)
+    path.write_text('{"step": 1}\n{"step": 6')  # as a kill leaves it
+    assert read_metrics(path) == [{"step": 1}]
 
 
 def _git(folder: pathlib.Path, *arguments: str) -> None:

@@ -144,8 +144,10 @@ def read_speech(recording: MotionRecording, *, with_words: bool) -> tuple[np.nda
     return audio, words
 
 
-def compare_lengths(recording: MotionRecording, motion: float, fps: float, audio: np.ndarray) -> str | None:
-    """Compare the lengths of a motion in seconds, at a frame rate, and of audio at 16 kHz; the longer one will be cut.
+def compare_lengths(path: pathlib.Path, motion: float, fps: float, audio: np.ndarray) -> str | None:
+    """Compare the length in seconds of the motion of a file, at a frame rate, with that of its audio at 16 kHz.
+
+    The longer one will be cut.
 
     Returns:
         A warning if the lengths differ by more than half a second, else None.
@@ -154,10 +156,10 @@ def compare_lengths(recording: MotionRecording, motion: float, fps: float, audio
         UserError: one is less than half as long as the other, so that they cannot belong together.
     """
     sound = len(audio) / SAMPLE_RATE
-    lengths = f"{shown(recording.path)} has {motion:.2f} s of motion and {sound:.2f} s of audio"
+    lengths = f"{shown(path)} has {motion:.2f} s of motion and {sound:.2f} s of audio"
     rate = other_rate(motion, fps, sound)
     if min(motion, sound) < _MIN_FRACTION * max(motion, sound):
-        raise UserError(f"{lengths}, which do not belong together{rate}; give the audio of this motion (--audio)")
+        raise UserError(f"{lengths}, which do not belong together{rate}; give the audio of this motion")
     if abs(motion - sound) <= _MAX_DIFFERENCE:
         return None
     longer = "motion" if motion > sound else "audio"
