@@ -90,10 +90,10 @@ def out_paths(speech: pathlib.Path, out: Path | None = None, suffix: str | None 
     Raises:
         UserError: `out` has a suffix that is not one of `SUFFIXES`, or one although there is `suffix`.
     """
-    if out is None or pathlib.Path(out).is_dir():
+    if out is None or str(out).endswith(("/", os.sep)) or pathlib.Path(out).is_dir():
         return _gestures(speech, None if out is None else pathlib.Path(out), suffix)
     out = pathlib.Path(out)
-    if not out.suffix:
+    if not out.suffix or (suffix is not None and out.suffix.lower() not in SUFFIXES):
         return _with_suffixes(out, suffix)
     if out.suffix.lower() not in SUFFIXES:
         raise UserError(

@@ -2,6 +2,7 @@
 
 import argparse
 import collections
+import dataclasses
 import functools
 import pathlib
 import re
@@ -54,7 +55,10 @@ def add_commands(commands: Any) -> None:
         "-o", "--out", type=pathlib.Path, required=True, help="file to write, or with --format a folder"
     )
     export.add_argument(
-        "--format", metavar="SUFFIX", help="write each motion, or those of a folder, in this format, for example bvh"
+        "--format",
+        metavar="SUFFIX",
+        help="write each motion, or those of a folder, in this format, for example bvh; of files of one name in a "
+        "folder, one is the motion: .npz before .bvh, .glb, .vrma, .json, .csv and .npy",
     )
     export.add_argument(
         "--rig", help="joints of the file: ha2g, mixamo, smplx, unity, unreal or vrm (default: ha2g; .vrma: vrm)"
@@ -122,13 +126,18 @@ def _export_motion(arguments: argparse.Namespace, suffix: str) -> None:
     if len(arguments.motions) > 1:
         raise UserError(f"{suffix} holds one motion, not {len(arguments.motions)}; export them one by one")
     motion = read_motion(arguments.motions[0], **reading(arguments))
-    seconds = _seconds(_read_audio(arguments.audio)) if arguments.audio else None
-    formats.export(motion, arguments.out, rig=arguments.rig or rigs.OWN, audio_seconds=seconds)
+    if arguments.audio is not None:
+        seconds = _seconds(_read_audio(arguments.audio))
+        _compare_lengths({shown(arguments.motions[0].name): motion}, seconds)
+        motion = dataclasses.replace(
+            motion, meta=motion.meta | {"speech": shown(arguments.audio.name), "duration": seconds}
+        )
+    formats.export(motion, arguments.out, rig=arguments.rig or rigs.OWN)
 
 
 def _export_each(arguments: argparse.Namespace, suffix: str) -> None:
     """Write the motions, and those in folders, to files of their names; failures are named and counted at the end."""
-    from ha2g_jax.evaluation.motion_folders import find_motions
+    from ha2g_jax.evaluation.motion_folders import list_motions
     from ha2g_jax.motion import formats, rigs
     from ha2g_jax.motion.readers import check_reading, read_motion
 
@@ -144,8 +153,8 @@ def _export_each(arguments: argparse.Namespace, suffix: str) -> None:
         if name.is_absolute() or ".." in name.parts:
             raise UserError(f"two motions would be written to {shown(name.stem)}{suffix}; export them one by one")
     for folder in (path for path in arguments.motions if path.is_dir()):
-        for path in find_motions(folder).values():
-            if tasks.setdefault(str(path.relative_to(folder).with_suffix("")), path) != path:
+        for name, path in list_motions(folder).items():
+            if tasks.setdefault(name, path) != path:
                 raise UserError(f"two motions would be written to {shown(path.stem)}{suffix}; export them one by one")
     outs = {arguments.out / f"{name}{suffix}": path for name, path in tasks.items()}
     check_kept(list(outs), list(outs.values()))
@@ -188,6 +197,7 @@ def _write_page(arguments: argparse.Namespace) -> None:
         page = view(motions, words=transcripts.read_words(words) if words else (), camera=camera)
     else:
         audio = _read_audio(arguments.audio)
+        _compare_lengths(motions, _seconds(audio))
         spoken = transcripts.words_of(audio, words, recognise=None, media=arguments.audio) if words else ()
         page = view(motions, audio, words=spoken, camera=camera)
     page.save(arguments.out)

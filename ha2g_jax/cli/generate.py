@@ -31,7 +31,6 @@ def add_commands(commands: Any) -> None:
     command.add_argument(
         "-o",
         "--out",
-        type=pathlib.Path,
         help="file to write; its suffix is the format: .mp4, .html, .bvh, .glb, .fbx (by Blender), .vrma, .json, .csv "
         "or .npz; a name without a suffix for OUT.npz and OUT.mp4; for several files, a folder (default: "
         "SPEECH_gestures.npz and .mp4, beside the speech)",
@@ -136,7 +135,9 @@ def _add_controls(command: argparse.ArgumentParser) -> None:
 
 def add_amounts(controls: Any) -> None:
     """Add the arguments that `read_amounts` reads to a group."""
-    controls.add_argument("--energy", type=float, default=1.0, help="speed of the motion, 0 to 2: 0 still, 1 unchanged")
+    controls.add_argument(
+        "--energy", type=float, default=1.0, help="speed of the motion, 0 to 2: 0 a slow drift, 1 unchanged"
+    )
     controls.add_argument(
         "--extent", type=float, default=1.0, help="size of the gestures, 0 to 2: 0 at rest, 1 unchanged"
     )

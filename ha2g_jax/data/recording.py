@@ -39,7 +39,7 @@ class SplitReport:
         clips: number of clips that the recordings have, or that were cut from them.
         windows, kept: numbers of windows that were examined, and of those that passed all filters.
         filtered: number of windows that failed a filter, by reason.
-        rejected: number of clips or shots without any window, by reason.
+        rejected: number of clips or shots without any window, and of recordings that could not be read, by reason.
     """
 
     videos: int = 0

@@ -168,16 +168,34 @@ def clip_of(name: str, clips: Container[str]) -> str | None:
 def find_motions(folder: pathlib.Path) -> dict[str, pathlib.Path]:
     """Find the files of motion in a folder and its subfolders by the names of their clips; or a file by its own.
 
+    Returns:
+        As `list_motions`, without `_gestures` at the end of the names.
+
+    Raises:
+        UserError: there is no folder, no motion in it, or two files have the name of one clip.
+    """
+    found: dict[str, pathlib.Path] = {}
+    for name, path in list_motions(folder).items():
+        clip = name.removesuffix(_GENERATED)
+        if clip in found:
+            raise UserError(f"{shown(found[clip])} and {shown(path)} are motions of one clip; move one of them")
+        found[clip] = path
+    return found
+
+
+def list_motions(folder: pathlib.Path) -> dict[str, pathlib.Path]:
+    """List the files of motion in a folder and its subfolders; or one file.
+
     Of several files with one name the first kind of `SUFFIXES` is the motion, as others hold words.
 
     Returns:
-        Path of the file by its path in the folder, without the suffix and without `_gestures` at the end.
+        Path of the file by its path in the folder, without the suffix.
 
     Raises:
         UserError: there is no folder, or no motion in it.
     """
     if folder.is_file():
-        return {folder.stem.removesuffix(_GENERATED): folder}
+        return {folder.stem: folder}
     if not folder.is_dir():
         raise UserError(f"no file or folder at {shown(folder)}; give a folder of motion in {', '.join(SUFFIXES)}")
     found: dict[str, pathlib.Path] = {}
@@ -185,8 +203,7 @@ def find_motions(folder: pathlib.Path) -> dict[str, pathlib.Path]:
     kinds = {suffix: rank for rank, suffix in enumerate(SUFFIXES)}
     for path in sorted(paths, key=lambda path: (kinds[path.suffix.lower()], path)):
         if not path.name.startswith(".") and path.name != MANIFEST:
-            name = path.relative_to(folder).with_suffix("").as_posix()
-            found.setdefault(name.removesuffix(_GENERATED), path)
+            found.setdefault(path.relative_to(folder).with_suffix("").as_posix(), path)
     if not found:
         raise UserError(f"no motion in {shown(folder)}; expected files of {', '.join(SUFFIXES)}")
     return found

@@ -156,7 +156,7 @@ def _mono(decode: Callable[[], Iterator[_Block]], name: str, max_seconds: float)
         _logger.warning("%s: its channels cancel each other; channel %d is used", name, channel + 1)
         samples, _, _ = _collect(decode(), name, max_seconds, channel)
     if np.ptp(samples) < _INAUDIBLE:
-        _logger.warning("no sound in %s: nothing is to be heard in it", name)
+        _logger.warning("%s is silent", name)
     peak = max(samples.max(), -samples.min())
     return samples / peak if peak > 1 else samples
 

@@ -281,7 +281,7 @@ def _import_file(
 
 
 def _failed(error: str) -> _Result:
-    return _Result([], SplitReport(videos=1, rejected=collections.Counter({_UNUSABLE: 1})), error=error)
+    return _Result([], SplitReport(rejected=collections.Counter({_UNUSABLE: 1})), error=error)
 
 
 def _good_stretches(is_good: np.ndarray | None, count: int) -> list[tuple[int, int]]:

@@ -7,6 +7,7 @@ import av
 import numpy as np
 import pytest
 import soundfile
+from fixtures.glb_reader import GlbReader
 from PIL import Image
 
 from ha2g_jax import cli
@@ -133,6 +134,23 @@ def test_the_motions_of_a_folder_are_written_below_another(files, tmp_path):
     names = ["in/a.csv.bvh", "in/a.npz.bvh"]
     assert sorted(str(path.relative_to(tmp_path / "out")) for path in (tmp_path / "out").rglob("*.*")) == names
     assert not any(path.name.startswith("notes") for path in find_motions(files).values())
+
+
+def test_a_capture_and_what_was_generated_for_its_sound_are_two_motions(files, tmp_path):
+    (files / "text.npz").unlink()
+    run("export", files / "a.npz", "-o", files / "a_gestures.bvh")
+    run("export", files, "--format", "csv", "-o", tmp_path / "out")
+    assert {path.name for path in (tmp_path / "out").glob("*")} == {"a.csv", "a_gestures.csv", "b.csv", "more"}
+    with pytest.raises(UserError, match=r"a\.npz and .*a_gestures\.bvh are motions of one clip"):
+        find_motions(files)
+
+
+def test_a_glb_names_the_sound_that_is_given(files, tmp_path, capsys):
+    soundfile.write(files / "long.wav", np.random.default_rng(0).normal(0, 0.1, 32000), 16000)
+    run("export", files / "a.npz", "--audio", files / "long.wav", "-o", tmp_path / "x.glb")
+    extras = GlbReader(tmp_path / "x.glb").tree["scenes"][0]["extras"]
+    assert (extras["audio"], extras["audio_seconds"], extras["frames"]) == ("long.wav", 2.0, 15)
+    assert "lasts 1.0 s, the sound 2.0 s" in capsys.readouterr().err
 
 
 MISTAKES = {

@@ -112,6 +112,8 @@ def test_the_result_lies_beside_the_speech_or_in_a_folder(speech, tmp_path):
     beside = speech.parent / "speech_gestures.npz", speech.parent / "speech_gestures.mp4"
     assert out_paths(speech, None) == beside
     assert out_paths(speech, tmp_path)[0] == tmp_path / "speech_gestures.npz"
+    assert out_paths(speech, f"{tmp_path}/new/", ".bvh") == (tmp_path / "new" / "speech_gestures.bvh",)
+    assert out_paths(speech, "my.take.v2", ".glb")[0].name == "my.take.v2.glb"
     assert out_paths(speech.with_name("speech.v2.wav"), None)[0].name == "speech.v2_gestures.npz"
 
 

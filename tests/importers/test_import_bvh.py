@@ -77,6 +77,14 @@ def test_a_unit_that_cannot_be(recording, tmp_path):
         import_bvh(path, tmp_path / "out", unit=float("nan"))
 
 
+def test_a_part_of_the_fingers_is_named(recording, tmp_path, caplog):
+    path = recording(tmp_path / "in", "talk")
+    assert readers.read_motion(path).skeleton.name == EXPRESSIVE.name and not caplog.text
+    path.write_text(path.read_text().replace("Ring", "Other"))
+    assert readers.read_motion(path).skeleton.name == GESTURE.name
+    assert "talk.bvh is read without hands, as it lacks left_ring_1, left_ring_2" in caplog.text
+
+
 def test_without_fingers(recording, tmp_path):
     path = recording(tmp_path / "in", "talk", with_fingers=False)
     with pytest.raises(UserError, match="ted_gesture"):

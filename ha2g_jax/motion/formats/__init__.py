@@ -20,21 +20,18 @@ FBX = ".fbx"  # written by Blender
 _RIGS = {".vrma": ("vrm",), ".npz": (rigs.OWN, "smplx")}
 
 
-def export(
-    motion: Motion, path: str | pathlib.Path, *, rig: str = rigs.OWN, audio_seconds: float | None = None
-) -> None:
+def export(motion: Motion, path: str | pathlib.Path, *, rig: str = rigs.OWN) -> None:
     """Write a motion to a file in the format that the suffix of the path names.
 
     `.bvh`, `.glb`, `.json`, `.csv` and `.fbx`, which needs Blender, take any rig. `.vrma` always has the rig vrm.
     `.npz` is the file of `Motion.save`, or with the rig smplx a file of SMPL-X poses. Pelvis, legs and place of the
-    person are written where the motion has them, and its face to `.npz` only; the floor is at y = 0 but in SMPL-X. The
-    same motion gives the same bytes, but for `.fbx`. The file is written completely or not at all.
+    person are written where the motion has them, and its face to `.npz` only; the floor is at y = 0 but in SMPL-X. In
+    `.glb` and `.vrma` the name and the seconds of the speech are "speech" and "duration" of `motion.meta`. The same
+    motion gives the same bytes, but for `.fbx`. The file is written completely or not at all.
 
     Args:
         path: file whose suffix is one of `SUFFIXES`, or `FBX`.
         rig: name of the rig whose joints the file has, one of `rigs.RIGS`.
-        audio_seconds: length of the speech in seconds, stored in `.glb` and `.vrma`; by default the length that is
-            stored in `motion.meta`, or else that of the motion.
 
     Raises:
         UserError: the suffix or the rig is unknown, the format does not take the rig, the motion is not valid (see
@@ -52,7 +49,7 @@ def export(
         floor = np.array([0.0, motion.lower.floor, 0.0])
         animation = dataclasses.replace(animation, translation=animation.translation - floor)
     animation = retarget(animation, target)
-    seconds, speech = motion.meta.get("duration") if audio_seconds is None else audio_seconds, motion.meta.get("speech")
+    seconds, speech = motion.meta.get("duration"), motion.meta.get("speech")
     if not isinstance(seconds, int | float):  # the facts of a file may be any JSON
         seconds = motion.num_frames / motion.fps
     facts = {"duration": seconds, "audio_name": speech if isinstance(speech, str) else None}

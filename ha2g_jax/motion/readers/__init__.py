@@ -14,6 +14,7 @@ Nothing is unpickled, and sizes are checked before anything is unpacked.
 """
 
 import dataclasses
+import logging
 import os
 import pathlib
 from collections.abc import Callable, Mapping, Sequence
@@ -32,12 +33,14 @@ from ha2g_jax.motion.readers.body import ARM_RANGE, arm_length, check_arms, chec
 from ha2g_jax.motion.readers.bvh import Bvh
 from ha2g_jax.motion.readers.smplx_body import template
 from ha2g_jax.motion.resample import num_frames, resample
-from ha2g_jax.skeleton import SKELETONS, load_skeleton
+from ha2g_jax.skeleton import SKELETONS, hand_joints, load_skeleton
 
 __all__ = ["SUFFIXES", "Reading", "borders_of", "check_reading", "read_motion"]
 
 SUFFIXES = (".npz", ".bvh", ".glb", ".vrma", ".json", ".csv", ".npy")
 """Suffixes by which files of motion are found in a folder."""
+
+_logger = logging.getLogger(__name__)
 
 _KINDS = ".npz, .npy, .bvh, .glb, .vrma, .json or .csv"
 _EXPECTED = f"a motion: {_KINDS}"
@@ -255,13 +258,25 @@ def _read_tree(content: Content, options: _Options) -> Motion:
 
 
 def _bvh_skeleton(bvh: Bvh, path: pathlib.Path, joint_map: str) -> str:
-    for name in SKELETONS[:-1]:
-        try:
-            joint_maps.choose_map(bvh.joints, load_skeleton(name), joint_map, path)
-        except UserError:
-            continue
-        return name
-    return SKELETONS[-1]  # the error at reading then says what is missing
+    """Return the first of `SKELETONS` whose joints a file has; say so where it has a part of the fingers."""
+    with_hands, without = map(load_skeleton, SKELETONS)
+    try:
+        joint_maps.choose_map(bvh.joints, with_hands, joint_map, path)
+    except UserError:
+        pass
+    else:
+        return with_hands.name
+    try:
+        chosen, _ = joint_maps.choose_map(bvh.joints, without, joint_map, path)
+    except UserError:
+        return without.name  # the error at reading then says what is missing
+    hands = [with_hands.joints[number] for number in hand_joints(with_hands)]
+    fingers = [joint for joint in hands if joint not in without.joints]
+    found = joint_maps.find(chosen, bvh.joints, fingers, path)
+    if 0 < len(found) < len(fingers):
+        missing = [joint for joint in fingers if joint not in found]
+        _logger.warning("%s is read without hands, as it lacks %s", shown(path.name), ", ".join(missing))
+    return without.name
 
 
 def _is_smplx(content: Content) -> bool:

@@ -44,9 +44,8 @@ def test_every_format_is_written_with_the_same_bytes_twice(tmp_path, name, suffi
 
 def test_the_length_of_the_speech_is_noted(tmp_path):
     formats.export(make(), tmp_path / "a.glb")
-    formats.export(make(), tmp_path / "b.glb", audio_seconds=0.75)
-    first, second = (GlbReader(tmp_path / name).tree["scenes"][0]["extras"] for name in ("a.glb", "b.glb"))
-    assert first["audio"] == "a.wav" and (first["audio_seconds"], second["audio_seconds"]) == (0.61, 0.75)
+    first = GlbReader(tmp_path / "a.glb").tree["scenes"][0]["extras"]
+    assert (first["audio"], first["audio_seconds"]) == ("a.wav", 0.61)
     assert (first["fps"], first["frames"], first["meta"]["duration"]) == (15.0, 9, 0.61)
 
 
