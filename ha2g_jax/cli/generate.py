@@ -110,7 +110,7 @@ def _add_controls(command: argparse.ArgumentParser) -> None:
         "Times are in seconds. The transitions before and after a pose or a mute take half a second each.",
     )
     add_amounts(controls)
-    controls.add_argument("--seed-pose", type=pathlib.Path, metavar="NPZ", help="motion to continue")
+    controls.add_argument("--seed-pose", type=pathlib.Path, metavar="NPZ", help="motion from whose end to start")
     controls.add_argument(
         "--pin",
         action="append",

@@ -186,7 +186,8 @@ def find_motions(folder: pathlib.Path) -> dict[str, pathlib.Path]:
 def list_motions(folder: pathlib.Path) -> dict[str, pathlib.Path]:
     """List the files of motion in a folder and its subfolders; or one file.
 
-    Of several files with one name the first kind of `SUFFIXES` is the motion, as others hold words.
+    Of several files with one name the first kind of `SUFFIXES` is the motion, as others may hold words; so may a
+    `.json` beside the motion of its clip, with or without `_gestures`.
 
     Returns:
         Path of the file by its path in the folder, without the suffix.
@@ -198,12 +199,16 @@ def list_motions(folder: pathlib.Path) -> dict[str, pathlib.Path]:
         return {folder.stem: folder}
     if not folder.is_dir():
         raise UserError(f"no file or folder at {shown(folder)}; give a folder of motion in {', '.join(SUFFIXES)}")
-    found: dict[str, pathlib.Path] = {}
+    found, clips = dict[str, pathlib.Path](), set[str]()
     paths = (path for path in folder.rglob("*") if is_motion(path))
     kinds = {suffix: rank for rank, suffix in enumerate(SUFFIXES)}
     for path in sorted(paths, key=lambda path: (kinds[path.suffix.lower()], path)):
         if not path.name.startswith(".") and path.name != MANIFEST:
-            found.setdefault(path.relative_to(folder).with_suffix("").as_posix(), path)
+            name = path.relative_to(folder).with_suffix("").as_posix()
+            clip = name.removesuffix(_GENERATED)
+            if path.suffix.lower() != ".json" or clip not in clips:
+                found.setdefault(name, path)
+                clips.add(clip)
     if not found:
         raise UserError(f"no motion in {shown(folder)}; expected files of {', '.join(SUFFIXES)}")
     return found

@@ -138,9 +138,12 @@ def test_the_motions_of_a_folder_are_written_below_another(files, tmp_path):
 
 def test_a_capture_and_what_was_generated_for_its_sound_are_two_motions(files, tmp_path):
     (files / "text.npz").unlink()
+    (files / "b.npz").rename(files / "b_gestures.npz")
+    (files / "b.json").write_text('[{"word": "hello", "start": 0.1, "end": 0.4}]')
+    assert find_motions(files)["b"].name == "b_gestures.npz"
     run("export", files / "a.npz", "-o", files / "a_gestures.bvh")
     run("export", files, "--format", "csv", "-o", tmp_path / "out")
-    assert {path.name for path in (tmp_path / "out").glob("*")} == {"a.csv", "a_gestures.csv", "b.csv", "more"}
+    assert {path.name for path in (tmp_path / "out").glob("*")} == {"a.csv", "a_gestures.csv", "b_gestures.csv", "more"}
     with pytest.raises(UserError, match=r"a\.npz and .*a_gestures\.bvh are motions of one clip"):
         find_motions(files)
 
