@@ -6,11 +6,13 @@ import json
 import numpy as np
 import pytest
 
-from ha2g_jax.motion import rotations
+from ha2g_jax.motion import rotations, solver
 from ha2g_jax.motion.armature import world
 from ha2g_jax.motion.formats import tables
+from ha2g_jax.motion.readers import read_motion
 from ha2g_jax.motion.readers.smplx import read_smplx
 from ha2g_jax.motion.readers.smplx_body import template
+from ha2g_jax.motion.rigs import load_rig, retarget
 from ha2g_jax.skeleton import load_skeleton, positions_to_directions
 
 
@@ -69,6 +71,15 @@ def test_the_importer_of_smplx_finds_the_same_directions(animate, tmp_path):
     ]
     assert len(exact) == 24
     assert away[:, exact].max() < 0.3
+
+
+def test_a_zero_pose_that_is_read_and_written_keeps_collars_and_shoulders(tmp_path):
+    """The skeleton's bone from the neck to a shoulder is the collar of a rig, whose own bone points elsewhere."""
+    np.savez(tmp_path / "zero.npz", poses=np.zeros((30, 165), np.float32), mocap_frame_rate=30)
+    animation = retarget(solver.animate(read_motion(tmp_path / "zero.npz")), load_rig("smplx"))
+    names = [f"{side}_{joint}" for side in ("left", "right") for joint in ("collar", "shoulder")]
+    turned = rotations.to_vector(animation.rotations[:, [animation.armature.joint(name) for name in names]])
+    assert np.rad2deg(np.linalg.norm(turned, axis=-1)).max() < 3
 
 
 def test_fields_and_what_stays_zero(animate, tmp_path):
