@@ -1,7 +1,8 @@
-"""docs/model.md leads from every equation, table and decision to code that exists; so does the tour, docs/tour.md."""
+"""docs/model.md leads from every equation, table and decision to code that exists, as do the tour and the architecture."""
 
 import importlib.util
 import pathlib
+import pkgutil
 import re
 
 import pytest
@@ -44,6 +45,15 @@ def test_links_name_the_file_that_they_lead_to(page):
 @pytest.mark.parametrize("page", PAGES.values(), ids=list(PAGES))
 def test_every_link_to_code_is_followed_by_a_symbol(page):
     assert len(re.findall(r"\]\(\.\./[^)]+\.py\)", page)) == len(ANCHOR.findall(page))
+
+
+def test_names_in_the_architecture_exist():
+    packages = "|".join(path.parent.name for path in (ROOT / "ha2g_jax").glob("*/__init__.py"))
+    page = (ROOT / "docs" / "architecture.md").read_text()
+    names = {name for name in re.findall(rf"`((?:{packages})\.\w[\w.]*)`", page) if not name.startswith("config.")}
+    assert len(names) > 10
+    for name in names:
+        pkgutil.resolve_name(f"ha2g_jax.{name}")
 
 
 def test_a_symbol_that_is_gone_is_found(line_of):

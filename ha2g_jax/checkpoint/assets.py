@@ -26,6 +26,10 @@ class Assets:
     seed_poses: np.ndarray  # (K, M, bones, 3) float32 unit vectors, calm poses that generation starts from
     hash: str = ""  # of the weights, "" before training
 
+    def choose_seed_pose(self, seed: int) -> int:
+        """Return the index of the seed pose that generation with a seed starts from."""
+        return int(np.random.default_rng(seed).integers(len(self.seed_poses)))
+
     def __repr__(self) -> str:
         counts = f"{len(self.vocabulary.words)} words, {len(self.speakers)} speakers, {len(self.seed_poses)} seed poses"
         return f"Assets({self.skeleton.name}, {counts}, hash {self.hash or 'none'})"

@@ -33,7 +33,7 @@ MIN_FRAMES = 17  # of a window, likewise
 
 
 class Setting(NamedTuple):
-    """One row of the table: dotted name, value in the paper's HA2G, values that are possible, and meaning."""
+    """One row of the table: dotted name, default, values that are possible, and meaning."""
 
     name: str
     default: Any
@@ -346,5 +346,5 @@ def as_text(method: str = "ha2g") -> str:
     rows = table(method)
     width = max(len(row.name) for row in rows)
     return "\n".join(
-        f"{row.name:{width}}  {row.meaning} ({row.range.expected}; {row.default!r} in the paper)" for row in rows
+        f"{row.name:{width}}  {row.meaning} ({row.range.expected}; {row.default!r} by default)" for row in rows
     )

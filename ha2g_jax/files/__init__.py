@@ -1,1 +1,1 @@
-"""Files and processes: safe archives of arrays, atomic writing of files, the cache folder, child processes."""
+"""Files: safe archives of arrays, atomic writing of files, the cache folder."""

@@ -44,7 +44,8 @@ def _kaiming(random: np.random.Generator, shape: Sequence[int]) -> np.ndarray:
 
 def _draw(draw: Callable, key: jax.Array, shape: Sequence[int], dtype: Any = jnp.float32) -> jax.Array:
     def host(data: jax.Array) -> np.ndarray:
-        random = np.random.Generator(np.random.Philox(key=np.asarray(data).astype(np.uint64)))
+        words = np.asarray(data)[:2].astype(np.uint64)  # keys of other generators than JAX's default have more
+        random = np.random.Generator(np.random.Philox(key=words))
         return draw(random, tuple(shape)).astype(dtype)
 
     result = jax.ShapeDtypeStruct(tuple(shape), dtype)

@@ -15,7 +15,7 @@ from ha2g_jax.config.settings import Config
 from ha2g_jax.features.noise import track
 from ha2g_jax.layers.cpu.onednn.library import choosing
 from ha2g_jax.layers.identity import ImageIdentity, SpeakerIdentity
-from ha2g_jax.layers.resnet_se import AudioEncoder
+from ha2g_jax.layers.resnet_se import AudioEncoder, Features
 from ha2g_jax.layers.tcn import TextEncoder
 from ha2g_jax.layers.waveform import WaveformEncoder
 from ha2g_jax.methods.method import FLOAT32, Batch, Compute, Poses, Run, Spec, Variables, speech_arguments
@@ -86,11 +86,14 @@ def speaker_table(config: Config, num_speakers: int, *, has_hidden: bool = False
 def speech_features(audio: Any, text: TextEncoder | None, inputs: Mapping[str, jax.Array], *, train: bool) -> jax.Array:
     """Return the features of the sound and, with a text encoder, of the words, side by side: (B, N, features).
 
-    Those of E_a are low, mid and high.
+    `audio` returns one array, or `Features`, which are taken in their order low, mid, high.
     """
     (name,) = audio.inputs
-    words = () if text is None else text(inputs["words"], train=train)
-    return jnp.concatenate(jax.tree.leaves([audio(inputs[name], train=train), words]), axis=-1)
+    sound = audio(inputs[name], train=train)
+    parts = [*sound] if isinstance(sound, Features) else [sound]
+    if text is not None:
+        parts.append(text(inputs["words"], train=train))
+    return jnp.concatenate(parts, axis=-1)
 
 
 def mean_style(generator: Any, identity: jax.Array | None, seed: jax.Array, *, train: bool) -> jax.Array:
@@ -142,8 +145,8 @@ def apply(
     """Run a module of a spec, or one of its methods.
 
     `train` tells whether to run in training mode, in which statistics move, and `key` is that of the random stream
-    "dropout". `method` is a function that takes the bound module first; `__call__` by default. The result is float32,
-    and with it come the batch statistics afterwards.
+    "dropout". `method` is the name of a method of the module, by default `__call__`, or a function of the bound module.
+    The result is float32, and with it come the batch statistics afterwards.
     """
     rounded = variables | {"params": _cast(variables["params"], compute.dtype)}
     with choosing(compute.onednn):

@@ -15,13 +15,13 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.spectrum import NUM_MELS, window_columns
 from ha2g_jax.layers import initializers
 from ha2g_jax.layers.conv import BatchNorm
+from ha2g_jax.layers.resnet_se import MEL_RANGE
 from ha2g_jax.methods import networks
 from ha2g_jax.methods.method import Poses, Spec, make_spec, speech_arguments
 from ha2g_jax.methods.networks import identity_encoder, mean_style
 from ha2g_jax.skeleton import Skeleton
 
 _SLOPE = 0.2
-_MEL_RANGE = 80.0
 _SEED_HIDDEN_DIM = 32
 _SEED_DIM = 16
 _VALID_KERNEL = 3  # of the last convolution on the spectrogram, which is not padded
@@ -72,7 +72,7 @@ class SpectrogramEncoder(nn.Module):
     @nn.compact
     def __call__(self, mel: jax.Array, *, train: bool) -> jax.Array:
         """Maps the mel (B, 128, 70) in dB, -80 to 0, to (B, N, channels[-1])."""
-        x = (mel / _MEL_RANGE + 1)[..., None]  # D3
+        x = (mel / MEL_RANGE + 1)[..., None]  # D3
         for index, channels in enumerate(self.channels):
             x = Block(channels, (3, 3), name=f"block_{index}")(x, train=train)
             x = Block(channels, (4, 4), stride=2, name=f"down_{index}")(x, train=train)

@@ -307,8 +307,8 @@ def join(
     Raises:
         UserError: the values of the model are not finite.
     """
-    bank = generator.assets.seed_poses
-    pose = bank[np.random.default_rng(seed).integers(len(bank))] if start is None else start
+    assets = generator.assets
+    pose = assets.seed_poses[assets.choose_seed_pose(seed)] if start is None else start
     windows = generator.sample_windows(audio, words, f_id, pose, seed)
     if not np.isfinite(windows).all():
         raise UserError(f"model {generator.assets.hash} generated values that are not finite; train or export it again")

@@ -231,12 +231,11 @@ def takes(description: Description, seeds: int = NUM_SEEDS) -> list[dict[str, An
     """
     zero = np.zeros(description.style_dim, np.float32)
     no_style = dataclasses.replace(description.assets, speakers={"": zero})
-    bank = description.assets.seed_poses
     found = []
     for seed in range(seeds):
         style, _ = choose_style(description, {}, description.assets, RANDOM, seed)
         variation, _ = choose_style(description, {}, no_style, Style(speaker="", variation=1.0), seed)
-        seed_pose = int(np.random.default_rng(seed).integers(len(bank)))  # as in `generator.join`
+        seed_pose = description.assets.choose_seed_pose(seed)
         found.append({"style": _numbers(style), "variation": _numbers(variation), "seed_pose": seed_pose})
     return found
 

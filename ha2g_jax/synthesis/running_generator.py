@@ -37,7 +37,7 @@ class RunningGenerator:
     def __init__(self, spec: Spec, variables: Variables, assets: Assets, style: Style, seed: int, hop: int):
         check_seed(seed)
         self._spec, self._variables, self._assets, self._seed, self._hop = spec, variables, assets, seed, hop
-        self.start_pose = assets.seed_poses[np.random.default_rng(seed).integers(len(assets.seed_poses))]
+        self.start_pose = assets.seed_poses[assets.choose_seed_pose(seed)]
         self.style = style  # the program is compiled here
         self._style_ramp, self._rest_ramp = Ramp(self._f_id, spec.fps), Ramp(self._rest_pose.ravel(), spec.fps)
         self._present, self.rest = self._f_id, self._rest_pose

@@ -16,6 +16,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import reading, shown
 from ha2g_jax.methods import METHODS
 from ha2g_jax.methods.method import Spec
+from ha2g_jax.train.sharding import check_batch_size
 
 # Settings that may differ from those a workdir was made with, because they do not change the updates. A corpus may have
 # moved; `check_corpus` checks that it is the same one.
@@ -39,7 +40,7 @@ def check_machine(config: Config) -> None:
     """Check that a config can be trained at all, and on the devices at hand.
 
     Raises:
-        UserError: a setting is not possible, or there are not enough devices.
+        UserError: a setting is not possible, there are not enough devices, or a batch does not split over them.
     """
     settings.check(config)
     devices = jax.device_count()
@@ -47,6 +48,7 @@ def check_machine(config: Config) -> None:
         raise UserError(
             f"there are {devices} devices, not {config.train.devices}: set --config.train.devices=0 to use all"
         )
+    check_batch_size(config.train.batch_size, config.train.devices or devices)
     if config.train.devices and jax.process_count() > 1:
         raise UserError(
             f"config.train.devices is {config.train.devices}, but a run of {jax.process_count()} processes uses all "

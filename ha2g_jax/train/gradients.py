@@ -119,9 +119,10 @@ def _measure(config: Config, corpus: Corpus, trained: tuple[str, dict[str, Any]]
     windows = inputs.open_windows(config, objective.spec, corpus, vocabulary, TRAIN)
     with contextlib.closing(inputs.training_batches(config, windows, 0)) as batches:
         batch = next(batches)
-    key = jax.random.key(config.seed)
+    init_key, key = jax.random.split(jax.random.key(config.seed))  # as a run does
     with stage("initialising the networks"):
-        state = init_state(objective, key, {} if trained else inputs.pretrained(config, objective.spec, vocabulary))
+        pretrained = {} if trained else inputs.pretrained(config, objective.spec, vocabulary)
+        state = init_state(objective, init_key, pretrained)
     if trained is not None:
         source, variables = trained
         found, expected = (jax.tree.map(jnp.shape, tree) for tree in (variables, state.generator.variables))

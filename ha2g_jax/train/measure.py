@@ -67,6 +67,7 @@ class TimedStep:
         self.objective = objective = build_objective(config, skeleton, num_words, num_speakers, onednn=onednn)
         self._mesh = sharding.data_mesh(jax.devices()[: config.train.devices or None])
         self.batch_size, self.num_devices = config.train.batch_size, self._mesh.size
+        sharding.check_batch_size(self.batch_size, self.num_devices)
         data = random_batch(objective.spec, self.batch_size, num_words, num_speakers)
         self.batch = sharding.shard_batch(self._mesh, data)
         self._key = jax.random.key(config.seed)

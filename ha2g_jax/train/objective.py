@@ -37,7 +37,7 @@ class Objective:
         generator_optimizer, discriminator_optimizer: Adam, after clipping of the gradient's norm; their `update` takes
             `step=`.
         generator_rate, discriminator_rate: learning rate at a step.
-        warmup_steps: steps before the GAN term is used (D9).
+        warmup_steps: steps before the GAN term is used (D9); 0 from `build_objective`, which knows no epochs.
         average_decay: largest decay of the running average of the generator in a step; 0 for no average.
         compute: precision of the activations, and number of parts of a batch.
         log_every, num_steps: a line of metrics is written for every step that `log_every` divides, and for the last.
@@ -101,7 +101,7 @@ def build_objective(
         discriminator_optimizer=adam(discriminator_rate, tuple(train.betas), train.clip_norm),
         generator_rate=generator_rate,
         discriminator_rate=discriminator_rate,
-        warmup_steps=0,  # `loop` sets it, which knows how long an epoch is
+        warmup_steps=0,
         average_decay=train.ema,
         compute=Compute(jnp.dtype(train.dtype), train.accumulate, is_available() if onednn is None else onednn),
         log_every=train.log_every,

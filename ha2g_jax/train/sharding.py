@@ -61,19 +61,21 @@ def replicate(mesh: Mesh, tree: Any) -> Any:
     return jax.tree.map(copy, tree)
 
 
-def shard_batch(mesh: Mesh, batch: dict[str, np.ndarray]) -> dict[str, jax.Array]:
-    """Return the global batch, split over the devices; each host provides an equal part, with the batch axis first.
+def check_batch_size(size: int, num_devices: int) -> None:
+    """Check that each device can have equally many windows of a batch.
 
     Raises:
-        UserError: the part of this host does not split evenly over its devices.
+        UserError: it does not split evenly.
     """
-    size = next(iter(batch.values())).shape[0]
-    num_devices = mesh.local_mesh.size
     if size % num_devices:
         raise UserError(
             f"a batch of {size} does not split over {num_devices} devices: "
-            f"set --config.train.batch_size to a multiple of {mesh.size}"
+            f"set --config.train.batch_size to a multiple of {num_devices}"
         )
+
+
+def shard_batch(mesh: Mesh, batch: dict[str, np.ndarray]) -> dict[str, jax.Array]:
+    """Return the global batch, split over the devices; each host provides an equal part, with the batch axis first."""
     sharding = NamedSharding(mesh, PartitionSpec(AXIS))
     arrays = {name: jax.make_array_from_process_local_data(sharding, array) for name, array in batch.items()}
     if jax.default_backend() == "cpu":

@@ -31,3 +31,10 @@ def test_values_depend_on_the_key_alone():
     np.testing.assert_array_equal(one, again)
     np.testing.assert_array_equal(one, compiled)
     assert not np.isclose(one, other).any()
+
+
+@pytest.mark.parametrize("kind", ["rbg", "unsafe_rbg"])
+def test_keys_of_other_generators_give_values_too(kind):
+    """TPUs often have `JAX_DEFAULT_PRNG_IMPL=rbg`, whose keys have four words."""
+    first, second = (initializers.LINEAR(key, (4, 5)) for key in jax.random.split(jax.random.key(0, impl=kind)))
+    assert not np.isclose(first, second).any()

@@ -131,9 +131,16 @@ def test_any_checkpoint_can_be_exported(run, tmp_path):
         model_folder.load(run / "latest" / "3")
 
 
-def test_settings_that_cannot_be_used_leave_nothing_behind(config_for, tmp_path):
-    with pytest.raises(UserError, match="there are 8 devices, not 99"):
-        loop.train(config_for(devices=99), tmp_path / "run")
+@pytest.mark.parametrize(
+    ("settings", "why"),
+    [
+        ({"devices": 99}, "there are 8 devices, not 99"),
+        ({"devices": 4, "batch_size": 6}, "a batch of 6 does not split over 4 devices"),
+    ],
+)
+def test_settings_that_cannot_be_used_leave_nothing_behind(settings, why, config_for, tmp_path):
+    with pytest.raises(UserError, match=why):
+        loop.train(config_for(**settings), tmp_path / "run")
     assert not (tmp_path / "run").exists()
 
 

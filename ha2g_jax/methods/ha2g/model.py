@@ -64,8 +64,8 @@ class HA2G(nn.Module):
     """Speech audio, an identity and M seed poses to N poses on each level of the motion hierarchy.
 
     Every method can be the `method=` of `apply`. Poses are flat, mean-subtracted direction vectors (D1).
-    Only `encode_speech` and `encode_identity` use "batch_stats"; `encode_text` and `infer` draw from the stream
-    "dropout" in training.
+    Only `encode_speech` and `encode_identity` use "batch_stats". In training `infer`, `encode_text` and, with
+    `reads_words`, `encode_speech` draw from the stream "dropout".
 
     Attributes:
         audio: E_a, which maps one input, named by its `inputs`, to `Features`.
