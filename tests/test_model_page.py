@@ -1,4 +1,4 @@
-"""docs/model.md leads from every equation, table and decision to code that exists, as do the tour and the architecture."""
+"""docs/model.md leads from each equation, table and decision to code; what tour and architecture name exists too."""
 
 import importlib.util
 import pathlib
