@@ -4,6 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import grain
+import jax
 import numpy as np
 from flax import traverse_util
 
@@ -219,6 +220,7 @@ def speaker_identities(
     """
     if not spec.identity:
         return {}
+    variables = jax.device_put(variables)  # once, and not for each image
 
     def identity(speaker):
         if spec.identity == "speaker":
