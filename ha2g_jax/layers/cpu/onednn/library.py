@@ -63,7 +63,10 @@ def is_available() -> bool:
 
 @contextlib.contextmanager
 def choosing(is_chosen: bool) -> Iterator[None]:
-    """Let functions that are traced in this context have the programs of oneDNN, or else those of XLA."""
+    """Let functions that are traced in this context have the programs of oneDNN, or else those of XLA.
+
+    Enter it inside of the function that `jax.jit` traces: its cache does not know the choice.
+    """
     token = _is_chosen.set(is_chosen)
     try:
         yield
