@@ -10,6 +10,7 @@ from flax import linen as nn
 from ha2g_jax.layers import initializers
 from ha2g_jax.layers.cpu.recurrence import gru_scan
 from ha2g_jax.layers.gru_cell import Gates, gru_cell, sequence_scan
+from ha2g_jax.layers.linear import Linear
 
 
 def _weights(module: nn.Module, inputs: int, hidden_dim: int, suffix: str) -> tuple[jax.Array, ...]:
@@ -151,6 +152,6 @@ class FrameDecoder(nn.Module):
     def __call__(self, x: jax.Array, *, train: bool) -> jax.Array:
         """Map features (B, N, inputs) to poses (B, N, pose_dim)."""
         hidden = BiGRU(self.hidden_dim, self.layers, self.dropout, name="gru")(x, train=train)
-        hidden = nn.Dense(self.hidden_dim // 2, kernel_init=initializers.LINEAR, name="linear_1")(hidden)
+        hidden = Linear(self.hidden_dim // 2, name="linear_1")(hidden)
         hidden = nn.leaky_relu(hidden, self.slope)
-        return nn.Dense(self.pose_dim, kernel_init=initializers.LINEAR, name="linear_2")(hidden)
+        return Linear(self.pose_dim, name="linear_2")(hidden)

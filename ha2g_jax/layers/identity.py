@@ -8,6 +8,7 @@ from flax import linen as nn
 
 from ha2g_jax.layers import initializers
 from ha2g_jax.layers.conv import BatchNorm, Conv, run_block
+from ha2g_jax.layers.linear import Linear, mean_and_log_variance
 
 
 class ImageIdentity(nn.Module):
@@ -34,7 +35,7 @@ class ImageIdentity(nn.Module):
         x = ResNet(self.blocks, self.width, self.is_recomputed, name="resnet")(flat, train=train)
         x = jnp.mean(x.reshape(batch, count, *x.shape[1:]), axis=1)
         # Channels first, as PyTorch flattens (C, H, W).
-        return _heads(x.transpose(0, 3, 1, 2).reshape(batch, -1), self.feature_dim)
+        return mean_and_log_variance(x.transpose(0, 3, 1, 2).reshape(batch, -1), self.feature_dim)
 
 
 class SpeakerIdentity(nn.Module):
@@ -59,8 +60,8 @@ class SpeakerIdentity(nn.Module):
         )
         x = table(speaker).astype(table.embedding.dtype)
         if self.has_hidden:
-            x = nn.Dense(self.feature_dim, kernel_init=initializers.LINEAR, name="linear")(x)
-        return _heads(x, self.feature_dim)
+            x = Linear(self.feature_dim, name="linear")(x)
+        return mean_and_log_variance(x, self.feature_dim)
 
 
 class ResNet(nn.Module):
@@ -113,9 +114,3 @@ class ResidualBlock(nn.Module):
             x = Conv(self.channels, (1, 1), strides, use_bias=False, name="shortcut_conv")(x)
             x = BatchNorm(name="shortcut_norm")(x, train=train)
         return nn.relu(x + y)
-
-
-def _heads(x: jax.Array, feature_dim: int) -> tuple[jax.Array, jax.Array]:
-    mean = nn.Dense(feature_dim, kernel_init=initializers.LINEAR, name="mean")(x)
-    log_variance = nn.Dense(feature_dim, kernel_init=initializers.LINEAR, name="log_variance")(x)
-    return mean, log_variance

@@ -11,8 +11,8 @@ from flax import linen as nn
 
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.spectrum import HOP_LENGTH, window_columns
-from ha2g_jax.layers import initializers
 from ha2g_jax.layers.conv import BatchNorm, Conv, run_block
+from ha2g_jax.layers.linear import Linear
 from ha2g_jax.layers.resampling import frame_centres, interpolate
 
 _REDUCTION = 8
@@ -67,8 +67,8 @@ class SqueezeExcite(nn.Module):
         """Map (B, H, W, C) to the same shape."""
         channels = x.shape[-1]
         gate = jnp.mean(x, axis=(1, 2))
-        gate = nn.relu(nn.Dense(channels // _REDUCTION, kernel_init=initializers.LINEAR, name="squeeze")(gate))
-        gate = nn.sigmoid(nn.Dense(channels, kernel_init=initializers.LINEAR, name="excite")(gate))
+        gate = nn.relu(Linear(channels // _REDUCTION, name="squeeze")(gate))
+        gate = nn.sigmoid(Linear(channels, name="excite")(gate))
         return x * gate[:, None, None]
 
 
@@ -149,7 +149,7 @@ class Head(nn.Module):
         x = BatchNorm(name="norm")(nn.relu(x), train=train)
         # Channel-major, as a reshape of PyTorch's (C, mel, N) merges them.
         x = x.transpose(0, 2, 3, 1).reshape(x.shape[0], x.shape[2], -1)
-        return nn.Dense(self.feature_dim, kernel_init=initializers.LINEAR, name="linear")(x)
+        return Linear(self.feature_dim, name="linear")(x)
 
 
 class AudioEncoder(nn.Module):

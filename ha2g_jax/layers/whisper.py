@@ -10,6 +10,7 @@ from flax import linen as nn
 
 from ha2g_jax.features.spectrum import ASR_COLUMNS_PER_SECOND
 from ha2g_jax.layers import initializers
+from ha2g_jax.layers.linear import Linear
 from ha2g_jax.layers.resampling import frame_centres, interpolate
 from ha2g_jax.layers.resnet_se import Features
 
@@ -40,12 +41,12 @@ class SelfAttention(nn.Module):
         channels = x.shape[-1]
 
         def split(name: str, *, use_bias: bool = True) -> jax.Array:
-            projected = _dense(channels, name, use_bias=use_bias)(x)
+            projected = Linear(channels, use_bias=use_bias, name=name)(x)
             return projected.reshape(*x.shape[:2], self.heads, channels // self.heads)
 
         # Scores are divided by the square root of the channels of a head; their softmax is float32.
         mixed = jax.nn.dot_product_attention(split("query"), split("key", use_bias=False), split("value"))
-        return _dense(channels, "out")(mixed.reshape(x.shape))
+        return Linear(channels, name="out")(mixed.reshape(x.shape))
 
 
 class EncoderBlock(nn.Module):
@@ -58,8 +59,8 @@ class EncoderBlock(nn.Module):
     def __call__(self, x: jax.Array) -> jax.Array:
         """Map (B, positions, d_model) to the same shape."""
         x = x + SelfAttention(self.heads, name="attention")(_norm("attention_norm")(x))
-        hidden = nn.gelu(_dense(self.ffn_dim, "expand")(_norm("mlp_norm")(x)), approximate=False)
-        return x + _dense(x.shape[-1], "contract")(hidden)
+        hidden = nn.gelu(Linear(self.ffn_dim, name="expand")(_norm("mlp_norm")(x)), approximate=False)
+        return x + Linear(x.shape[-1], name="contract")(hidden)
 
 
 class WhisperEncoder(nn.Module):
@@ -101,10 +102,6 @@ class WhisperEncoder(nn.Module):
 
 def _conv(channels: int, stride: int, name: str) -> nn.Conv:
     return nn.Conv(channels, (3,), strides=stride, padding=((1, 1),), kernel_init=initializers.LINEAR, name=name)
-
-
-def _dense(channels: int, name: str, *, use_bias: bool = True) -> nn.Dense:
-    return nn.Dense(channels, use_bias=use_bias, kernel_init=initializers.LINEAR, name=name)
 
 
 def _norm(name: str) -> nn.LayerNorm:
@@ -158,5 +155,5 @@ class AsrAudioEncoder(nn.Module):
         for name, block in zip(Features._fields, feature_blocks(self.whisper.layers), strict=True):
             norm = nn.LayerNorm(epsilon=_EPSILON, use_bias=False, use_scale=False, use_fast_variance=False)
             x = resample(norm(blocks[block]), self.num_frames, self.fps)
-            levels.append(nn.Dense(self.feature_dim, kernel_init=initializers.LINEAR, name=name)(x))
+            levels.append(Linear(self.feature_dim, name=name)(x))
         return Features(*levels)

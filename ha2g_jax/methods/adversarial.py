@@ -9,6 +9,7 @@ from flax import linen as nn
 from ha2g_jax.layers import initializers
 from ha2g_jax.layers.conv import BatchNorm
 from ha2g_jax.layers.gru import BiGRU
+from ha2g_jax.layers.linear import Linear
 from ha2g_jax.methods.method import FLOAT32, Compute, Spec, Variables
 from ha2g_jax.methods.networks import apply
 
@@ -37,8 +38,8 @@ class Discriminator(nn.Module):
         x = nn.leaky_relu(BatchNorm(name="norm_2")(x, train=train), self.slope)
         x = _conv(8, name="conv_3")(x)
         x = BiGRU(self.hidden_dim, self.layers, self.dropout, name="gru")(x, train=train)
-        x = nn.Dense(1, kernel_init=initializers.LINEAR, name="linear_1")(x)[..., 0]
-        return nn.Dense(1, kernel_init=initializers.LINEAR, name="linear_2")(x)[..., 0]
+        x = Linear(1, name="linear_1")(x)[..., 0]
+        return Linear(1, name="linear_2")(x)[..., 0]
 
 
 def _conv(channels: int, *, name: str) -> nn.Conv:

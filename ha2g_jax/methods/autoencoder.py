@@ -17,6 +17,7 @@ from flax import linen as nn
 from ha2g_jax.config.settings import Config
 from ha2g_jax.layers import initializers
 from ha2g_jax.layers.conv import BatchNorm
+from ha2g_jax.layers.linear import Linear
 from ha2g_jax.methods.method import (
     FLOAT32,
     Batch,
@@ -56,10 +57,10 @@ class PoseEncoder(nn.Module):
         x = _conv(64, 4, 2, name="conv_3")(_activate(x, "norm_2", train))
         x = _conv(32, 3, 1, name="conv_4")(_activate(x, "norm_3", train))
         x = x.transpose(0, 2, 1).reshape(x.shape[0], -1)  # channel-major, as PyTorch flattens (C, N)
-        x = _activate(_linear(256, name="linear_1")(x), "norm_4", train, self.slope)
-        x = _activate(_linear(128, name="linear_2")(x), "norm_5", train, self.slope)
-        x = _linear(self.latent_dim, name="linear_3")(x)
-        return _linear(self.latent_dim, name="mean")(x) if self.has_mean else x
+        x = _activate(Linear(256, name="linear_1")(x), "norm_4", train, self.slope)
+        x = _activate(Linear(128, name="linear_2")(x), "norm_5", train, self.slope)
+        x = Linear(self.latent_dim, name="linear_3")(x)
+        return Linear(self.latent_dim, name="mean")(x) if self.has_mean else x
 
 
 class PoseDecoder(nn.Module):
@@ -71,8 +72,8 @@ class PoseDecoder(nn.Module):
 
     @nn.compact
     def __call__(self, latent: jax.Array, *, train: bool) -> jax.Array:
-        x = _activate(_linear(64, name="linear_1")(latent), "norm_1", train, self.slope)
-        x = _linear(4 * self.num_frames, name="linear_2")(x)
+        x = _activate(Linear(64, name="linear_1")(latent), "norm_1", train, self.slope)
+        x = Linear(4 * self.num_frames, name="linear_2")(x)
         x = x.reshape(x.shape[0], 4, self.num_frames).transpose(0, 2, 1)
         x = _activate(_transposed_conv(32, name="conv_1")(x), "norm_2", train)
         x = _activate(_transposed_conv(32, name="conv_2")(x), "norm_3", train)
@@ -108,10 +109,6 @@ class PoseAutoencoder(nn.Module):
 
 def _activate(x: jax.Array, name: str, train: bool, slope: float = _SLOPE) -> jax.Array:
     return nn.leaky_relu(BatchNorm(name=name)(x, train=train), slope)
-
-
-def _linear(values: int, *, name: str) -> nn.Dense:
-    return nn.Dense(values, kernel_init=initializers.LINEAR, name=name)
 
 
 def _conv(channels: int, kernel: int, stride: int, *, name: str) -> nn.Conv:

@@ -7,9 +7,9 @@ import jax.numpy as jnp
 from flax import linen as nn
 
 from ha2g_jax.config.settings import Config
-from ha2g_jax.layers import initializers
 from ha2g_jax.layers.conv import BatchNorm
 from ha2g_jax.layers.gru import GRU, FrameDecoder
+from ha2g_jax.layers.linear import Linear, mean_and_log_variance
 from ha2g_jax.layers.resnet_se import AudioEncoder
 from ha2g_jax.layers.tcn import TextEncoder
 from ha2g_jax.layers.waveform import WaveformEncoder
@@ -44,9 +44,9 @@ class ContextEncoder(nn.Module):
     def __call__(self, features: jax.Array, *, train: bool) -> tuple[jax.Array, jax.Array]:
         """Maps (B, N, features) to mean and log-variance, each (B, latent_dim)."""
         x = GRU(self.hidden_dim, self.layers, name="gru")(features)[:, -1]
-        x = _linear(self.hidden_dim // 2, "linear_1")(x)
+        x = Linear(self.hidden_dim // 2, name="linear_1")(x)
         x = nn.relu(BatchNorm(name="norm")(x, train=train))
-        return _heads(_linear(self.latent_dim, "linear_2")(x), self.latent_dim)
+        return mean_and_log_variance(Linear(self.latent_dim, name="linear_2")(x), self.latent_dim)
 
 
 class LatentPoseEncoder(nn.Module):
@@ -60,7 +60,7 @@ class LatentPoseEncoder(nn.Module):
     @nn.compact
     def __call__(self, poses: jax.Array, *, train: bool) -> tuple[jax.Array, jax.Array]:
         """Maps (B, N, pose_dim) to mean and log-variance, each (B, latent_dim)."""
-        return _heads(PoseEncoder(self.latent_dim, name="encoder")(poses, train=train), self.latent_dim)
+        return mean_and_log_variance(PoseEncoder(self.latent_dim, name="encoder")(poses, train=train), self.latent_dim)
 
 
 class SeedEncoder(nn.Module):
@@ -68,9 +68,9 @@ class SeedEncoder(nn.Module):
 
     @nn.compact
     def __call__(self, seed: jax.Array, *, train: bool) -> jax.Array:
-        x = _linear(_SEED_DIM, "linear_1")(seed.reshape(seed.shape[0], -1))
+        x = Linear(_SEED_DIM, name="linear_1")(seed.reshape(seed.shape[0], -1))
         x = nn.relu(BatchNorm(name="norm")(x, train=train))
-        return _linear(_SEED_DIM, "linear_2")(x)
+        return Linear(_SEED_DIM, name="linear_2")(x)
 
 
 class JointEmbedding(nn.Module):
@@ -149,14 +149,6 @@ def sample_latent(distribution: tuple[jax.Array, jax.Array], noise: jax.Array) -
     """mean + exp(0.5 log-variance) noise, all (B, latent_dim)."""
     mean, log_variance = distribution
     return mean + jnp.exp(0.5 * log_variance) * noise
-
-
-def _heads(x: jax.Array, latent_dim: int) -> tuple[jax.Array, jax.Array]:
-    return _linear(latent_dim, "mean")(x), _linear(latent_dim, "log_variance")(x)
-
-
-def _linear(values: int, name: str) -> nn.Dense:
-    return nn.Dense(values, kernel_init=initializers.LINEAR, name=name)
 
 
 def l1(poses: jax.Array, targets: jax.Array) -> jax.Array:

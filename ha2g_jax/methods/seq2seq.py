@@ -15,6 +15,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.layers import initializers
 from ha2g_jax.layers.conv import BatchNorm
 from ha2g_jax.layers.gru import BiGRU, GRUCells
+from ha2g_jax.layers.linear import Linear
 from ha2g_jax.layers.resnet_se import AudioEncoder
 from ha2g_jax.methods import networks
 from ha2g_jax.methods.method import Poses, Spec, make_spec, speech_arguments
@@ -99,10 +100,10 @@ class PoseDecoder(nn.Module):
         context = jnp.einsum("bt,bth->bh", weights, words)
 
         x = jnp.concatenate([pose, context], axis=-1)
-        x = nn.Dense(self.hidden_dim, kernel_init=initializers.LINEAR, name="linear_in")(x)
+        x = Linear(self.hidden_dim, name="linear_in")(x)
         x = nn.relu(BatchNorm(name="norm")(x, train=train))
         states = GRUCells(self.hidden_dim, self.layers, self.dropout, name="gru")(states, x, train=train)
-        output = nn.Dense(self.pose_dim, kernel_init=initializers.LINEAR, name="linear_out")
+        output = Linear(self.pose_dim, name="linear_out")
         return states, output(states[-1].astype(x.dtype))
 
 

@@ -15,6 +15,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.spectrum import NUM_MELS, window_columns
 from ha2g_jax.layers import initializers
 from ha2g_jax.layers.conv import BatchNorm
+from ha2g_jax.layers.linear import Linear
 from ha2g_jax.layers.resnet_se import MEL_RANGE
 from ha2g_jax.methods import networks
 from ha2g_jax.methods.method import Poses, Spec, make_spec, speech_arguments
@@ -122,9 +123,9 @@ class Speech2Gesture(nn.Module):
     def setup(self) -> None:
         self.audio = SpectrogramEncoder(self.audio_channels, self.num_frames, self.swapped_axes)
         self.unet = UNet(self.channels, self.downs)
-        self.seed_in = nn.Dense(_SEED_HIDDEN_DIM, kernel_init=initializers.LINEAR)
+        self.seed_in = Linear(_SEED_HIDDEN_DIM)
         self.seed_norm = BatchNorm()
-        self.seed_out = nn.Dense(_SEED_DIM, kernel_init=initializers.LINEAR)
+        self.seed_out = Linear(_SEED_DIM)
         self.decoder = [Block(self.channels, (3,)) for _ in range(4)]
         self.output = nn.Conv(self.pose_dim, (1,), kernel_init=initializers.LINEAR)
 

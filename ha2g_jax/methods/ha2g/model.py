@@ -6,9 +6,9 @@ import jax
 import jax.numpy as jnp
 from flax import linen as nn
 
-from ha2g_jax.layers import initializers
 from ha2g_jax.layers.gru import BiGRU
 from ha2g_jax.layers.identity import ImageIdentity, SpeakerIdentity
+from ha2g_jax.layers.linear import Linear
 from ha2g_jax.layers.resnet_se import Features
 from ha2g_jax.layers.tcn import TextEncoder
 
@@ -31,7 +31,7 @@ class PoseStage(nn.Module):
         inputs = jnp.concatenate([previous, audio, is_seed], axis=-1)
         hidden = BiGRU(self.hidden_dim, self.layers, self.dropout, name="gru")(inputs, train=train)
         outputs = jnp.concatenate([hidden, previous, audio], axis=-1)
-        return nn.Dense(self.pose_dim, kernel_init=initializers.LINEAR, name="linear")(outputs)
+        return Linear(self.pose_dim, name="linear")(outputs)
 
 
 class StyleCoordinator(nn.Module):
@@ -53,7 +53,7 @@ class StyleCoordinator(nn.Module):
         """Maps f_id (B, 18) to C (B, 3, H), whose columns over low, mid and high sum to 1."""
         num_audio, num_columns = len(Features._fields), 1 if self.is_tied else self.num_levels
         f_id = f_id if self.has_style else jnp.ones_like(f_id[:, :1])
-        scores = nn.Dense(num_audio * num_columns, kernel_init=initializers.LINEAR, name="linear")(f_id)
+        scores = Linear(num_audio * num_columns, name="linear")(f_id)
         scores = scores.reshape(f_id.shape[0], num_audio, num_columns)
         may_count = jnp.array([name in self.audio_levels for name in Features._fields])[None, :, None]
         weights = nn.softmax(scores.astype(jnp.float32), axis=1, where=may_count).astype(scores.dtype)

@@ -18,6 +18,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.layers import initializers
 from ha2g_jax.layers.gru import FrameDecoder
 from ha2g_jax.layers.identity import SpeakerIdentity
+from ha2g_jax.layers.linear import Linear
 from ha2g_jax.layers.resnet_se import AudioEncoder
 from ha2g_jax.layers.tcn import TextEncoder
 from ha2g_jax.methods.adversarial import Discriminator
@@ -79,13 +80,12 @@ class ReleaseCoordinator(nn.Module):
     num_levels: int
 
     def setup(self) -> None:
-        kernel = initializers.LINEAR
         self.embedding = nn.Embed(
             self.num_speakers, self.feature_dim, dtype=jnp.float32, embedding_init=initializers.normal(1.0)
         )
-        self.linear_1 = nn.Dense(self.feature_dim, kernel_init=kernel)
-        self.linear_2 = nn.Dense(_COORDINATOR_DIM, kernel_init=kernel)
-        self.linear_3 = nn.Dense(3 * self.num_levels, kernel_init=kernel)
+        self.linear_1 = Linear(self.feature_dim)
+        self.linear_2 = Linear(_COORDINATOR_DIM)
+        self.linear_3 = Linear(3 * self.num_levels)
 
     def encode(self, speaker: jax.Array) -> jax.Array:
         """Map speaker indices (B,) to the values that the blend follows from (B, 16)."""
