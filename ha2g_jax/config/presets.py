@@ -325,7 +325,7 @@ CONTROLS: dict[str, Changes] = {
 }
 # Size -> widths of the GRU of holistic, of no coordinator and of both, with which they have as many parameters.
 _WIDTHS = {"medium": (324, 126, 322), "small": (168, 62, 166), "debug": (44, 6, 40)}
-_DEMO_RECIPE = {  # that of the demo of talk-v3, whose hands showed the words, without hidden ends and average
+_FACTORIAL_RECIPE = {
     "data.noise": 0.3,
     "data.noise_snr_db": (5.0, 40.0),
     "data.reverb": 0.3,
@@ -336,12 +336,14 @@ _DEMO_RECIPE = {  # that of the demo of talk-v3, whose hands showed the words, w
     "loss.ha2g.weights.style": 0.02,
     "loss.ha2g.weights.huber": 300.0,
     "loss.ha2g.huber_delta": 0.2,
+    "loss.ha2g.weights.contrastive": 20.0,  # these two bring the words to the hands
+    "loss.ha2g.weights.angle": 1000.0,
     "train.learning_rate": 2e-3,
     "train.schedule": "cosine",
     "train.warmup_epochs": 10_000,  # the GAN term does not act
 }
 _RECIPES: dict[str, Changes] = {
-    "medium": _DEMO_RECIPE
+    "medium": _FACTORIAL_RECIPE
     | {
         "data.workers": 8,
         "train.batch_size": 256,
@@ -349,7 +351,7 @@ _RECIPES: dict[str, Changes] = {
         "train.validate_every": 900,
         "train.checkpoint_every": 450,
     },
-    "small": _DEMO_RECIPE | {"train.steps": 18_000, "train.validate_every": 3000},
+    "small": _FACTORIAL_RECIPE | {"train.steps": 4500, "train.validate_every": 750, "train.checkpoint_every": 450},
     "debug": {},
 }
 

@@ -1,7 +1,7 @@
 """The settings of a run: one table of names, defaults, ranges and meanings, from which a config is made and checked.
 
 A config is one `ml_collections.ConfigDict`. Only the launcher, the command line, checkpoints and the functions that
-build networks and objectives read it; elsewhere modules take their own fields and functions take arguments. D1 to D20
+build networks and objectives read it; elsewhere modules take their own fields and functions take arguments. D1 to D21
 are decisions where the paper is silent, see docs/model.md.
 """
 
@@ -163,8 +163,16 @@ OF_METHOD: dict[str, tuple[Setting, ...]] = {
     "ha2g": (
         Setting("model.text.kind", "tcn", one_of("tcn", "oracle"), "oracle: f_t is in the place of f_high, a control"),
         *_losses(
-            "ha2g",  # weights of the paper, but for "physical" (0.1, D18); that of "huber" is of one level (D14)
-            {"gan": 1.0, "huber": 200.0, "physical": 0.01, "style": 0.05, "kld": 0.1, "contrastive": 0.1},
+            "ha2g",
+            {  # those of the paper, but for D18 and D21
+                "gan": 1.0,
+                "huber": 200.0,  # of one level (D14)
+                "physical": 0.01,  # D18
+                "angle": 0.0,  # D21
+                "style": 0.05,
+                "kld": 0.1,
+                "contrastive": 0.1,
+            },
             _GAN_KIND,
             _HUBER_DELTA,
             _TEMPERATURE,

@@ -60,6 +60,21 @@ def physical(angles: jax.Array, mean: jax.Array, variance: jax.Array) -> jax.Arr
     return jnp.mean(deviation) + normaliser
 
 
+def angle(angles: jax.Array, targets: jax.Array) -> jax.Array:
+    """Return the squared error of the angles, which is not the paper's (D21), the mean over batch and frames of
+
+        sum_j (theta_j - theta'_j)^2
+
+    over all pairs j of Eq. 8. `huber` compares directions in space, where a finger points as its palm does; how far it
+    is bent is an angle. A squared error is least at the mean of what may follow, so that fingers bend by a part before
+    a word is certain. An absolute error, which `huber` nearly is, is least at the median: they stay at rest.
+
+    Args:
+        angles, targets: (B, N, pairs) angles of the poses and of the true poses in units of pi.
+    """
+    return jnp.mean(jnp.sum((angles - targets) ** 2, axis=-1))
+
+
 def is_rigid(variance: Any) -> Any:
     """Return for each pair of bones whether its angle, of this variance in units of pi^2, counts as rigid (D13)."""
     return variance < _RIGID_VARIANCE

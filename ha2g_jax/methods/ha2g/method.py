@@ -28,21 +28,26 @@ encode_speech, encode_identity, sample = networks.encode_speech, networks.encode
 
 
 class Terms(NamedTuple):
-    """Terms of Eq. 9, each () and unweighted, or their weights, floats; `losses` has the equations."""
+    """Terms of Eq. 9, each () and unweighted, or their weights, floats; `losses` has the equations.
+
+    `angle` is not of Eq. 9 (D21); its weight is 0 but in the factorial study.
+    """
 
     gan: jax.Array
     huber: jax.Array
     physical: jax.Array
+    angle: jax.Array
     style: jax.Array
     kld: jax.Array
     contrastive: jax.Array
 
 
 def total(weights: Terms, terms: Terms) -> jax.Array:
-    """Return the objective of the generator (Eq. 9)."""
+    """Return the objective of the generator (Eq. 9, and the angles of D21)."""
     return (
         weights.huber * terms.huber
         + weights.physical * terms.physical
+        + weights.angle * terms.angle
         + weights.style * terms.style
         + weights.kld * terms.kld
         + weights.contrastive * terms.contrastive
@@ -250,13 +255,14 @@ def terms(
 ) -> Terms:
     """Return the unweighted terms of Eq. 9; see `Method.terms`."""
     skeleton = spec.skeleton
-    angles = joint_angles(skeleton, restore(spec, outputs.poses[-1])) / jnp.pi
+    angles, true = (joint_angles(skeleton, restore(spec, poses)) / jnp.pi for poses in (outputs.poses[-1], targets))
     levels = tuple(targets[..., jnp.array(channels)] for channels in spec.generator.level_channels)
     text = outputs.text if settings.text == "own" else jnp.roll(outputs.text, 1, axis=0)
     return Terms(
         gan=gan,
         huber=losses.huber(outputs.poses, levels, settings.huber_delta),
         physical=losses.physical(angles, jnp.asarray(skeleton.angle_mean), jnp.asarray(skeleton.angle_variance)),
+        angle=losses.angle(angles, true),
         style=losses.style(outputs.poses[-1], *contrast, delta=settings.style_delta, clip=settings.style_clip),
         kld=losses.kld(outputs.mean, outputs.log_variance),
         contrastive=losses.contrastive(

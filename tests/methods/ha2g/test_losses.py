@@ -69,6 +69,12 @@ def test_physical_leaves_out_pairs_that_hardly_move():
     assert losses.physical(angles, mean, jnp.zeros(3)) == 0
 
 
+def test_angle_is_the_mean_over_frames_of_the_sum_of_squares():
+    """D21."""
+    angles, targets = jnp.array([[[0.5, 0.2, 0.1], [0.3, 0.3, 0.3]]]), jnp.array([[[0.5, 0.5, 0.0], [0.3, 0.3, 0.3]]])
+    assert losses.angle(angles, targets) == pytest.approx((0.3**2 + 0.1**2) / 2, rel=1e-5)
+
+
 def test_every_rigid_pair_of_ted_is_a_palm_or_the_head():
     skeleton = load_skeleton("ted_expressive")
     rigid = np.flatnonzero(losses.is_rigid(np.asarray(skeleton.angle_variance)))
