@@ -37,7 +37,7 @@ def test_the_settings_of_a_method_are_possible_and_all_that_its_config_has(metho
         ("train.steps", MAX_SETTING + 1, "a whole number from 1"),
         ("train.ema", 1.0, "a number from 0 to below 1"),
         ("train.accumulate", 3, "a divisor of config.train.batch_size, 4"),
-        ("train.best_by", "loss/mse", "one of loss/contrastive, loss/gan"),
+        ("train.best_by", "loss/mse", "one of loss/angle, loss/contrastive"),
         ("data.noise_snr_db", (20.0, 10.0), "a lower and an upper bound"),
         ("data.num_seed_frames", 18, "a whole number from 1 to 17"),
         ("model.audio.resnet_se.channels", (8, 8, 18, 32), "the third a multiple of 4"),
