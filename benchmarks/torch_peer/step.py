@@ -133,13 +133,13 @@ class TorchStep:
         terms |= {"total": total, "discriminator": discriminator_loss}
         return {name: term.detach() for name, term in terms.items()}
 
-    def terms(self, poses, features, text, mean, log_variance, contrast, targets) -> dict[str, torch.Tensor]:
-        """Return the unweighted terms but the adversarial one; arguments as `Outputs` and `Contrast` of our package."""
+    def terms(self, poses, features, text, mean, log_variance, constants, targets) -> dict[str, torch.Tensor]:
+        """Return the unweighted terms but the adversarial one; arguments as our `Outputs` and `Constants`."""
         settings, levels = self._settings, [targets[..., channels] for channels in self.generator.level_channels]
         return {
             "huber": losses.huber(poses, levels, settings.huber_delta),
             "physical": self._physical(poses[-1]),
-            "style": losses.style(poses[-1], *contrast, settings.style_delta, settings.style_clip),
+            "style": losses.style(poses[-1], *constants, settings.style_delta, settings.style_clip),
             "kld": losses.kld(mean, log_variance),
             "contrastive": losses.contrastive(text, features, settings.temperature, settings.negatives),
         }

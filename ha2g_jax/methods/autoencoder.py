@@ -191,9 +191,9 @@ def run(
     return Run(Poses((poses,)), None, batch_stats)
 
 
-def terms(spec: Spec, settings: None, outputs: Poses, contrast: None, targets: jax.Array, gan: None) -> Terms:
+def terms(spec: Spec, settings: None, outputs: Poses, constants: None, targets: jax.Array, gan: None) -> Terms:
     """Return the unweighted terms; see `Method.terms`."""
-    del settings, contrast, gan
+    del settings, constants, gan
     (poses,) = outputs.poses
     return Terms(
         reconstruction=reconstruction(poses, targets),

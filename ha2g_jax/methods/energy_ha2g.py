@@ -117,9 +117,11 @@ def loss_settings(settings: Mapping[str, Any]) -> LossSettings:
     return LossSettings(settings["temperature"], losses.negatives(settings))
 
 
-def terms(spec: Spec, settings: LossSettings, outputs: Outputs, contrast: None, targets: jax.Array, gan: None) -> Terms:
+def terms(
+    spec: Spec, settings: LossSettings, outputs: Outputs, constants: None, targets: jax.Array, gan: None
+) -> Terms:
     """Return the unweighted terms; see `Method.terms`."""
-    del contrast, gan
+    del constants, gan
     levels = tuple(targets[..., jnp.array(channels)] for channels in spec.generator.level_channels)
     samples = (outputs.poses, outputs.others, levels)
     return Terms(

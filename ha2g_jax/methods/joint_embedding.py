@@ -262,7 +262,7 @@ def _encode_and_decode(
     return model.decode(latent, mean_style(model, identity, seed, train=train), seed, train=train)
 
 
-def terms(spec: Spec, settings: None, outputs: Poses, contrast: None, targets: jax.Array, gan: None) -> Terms:
+def terms(spec: Spec, settings: None, outputs: Poses, constants: None, targets: jax.Array, gan: None) -> Terms:
     """Return the one term; see `Method.terms`."""
-    del spec, settings, contrast, gan
+    del spec, settings, constants, gan
     return Terms(l1(outputs.poses[-1], targets))

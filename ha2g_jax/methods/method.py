@@ -22,7 +22,7 @@ from ha2g_jax.skeleton import Skeleton, normalize
 Batch = Mapping[str, Any]
 Variables = dict[str, Any]  # {"params", "batch_stats"} of a network
 Outputs = TypeVar("Outputs")
-Contrast = TypeVar("Contrast")
+Constants = TypeVar("Constants")
 
 # The batch key that identities are read from, for each kind of `config.model.identity`.
 IDENTITIES = {"images": "images", "speakers": "speaker", "none": ""}
@@ -85,17 +85,17 @@ class Compute(NamedTuple):
 FLOAT32 = Compute()
 
 
-class Run(NamedTuple, Generic[Outputs, Contrast]):
+class Run(NamedTuple, Generic[Outputs, Constants]):
     """The generator on a training batch.
 
     Attributes:
         outputs: a NamedTuple by which the objective is differentiated; each array of its field `poses`, the last one
             (B, N, pose_dim), is mean-subtracted.
-        contrast: a NamedTuple of what else the terms need, without a gradient; None where they need nothing.
+        constants: a NamedTuple of what else the terms need, without a gradient; None where they need nothing.
     """
 
     outputs: Outputs
-    contrast: Contrast
+    constants: Constants
     batch_stats: Any
 
 
@@ -161,7 +161,7 @@ class Method(Protocol):
         """Return `config.loss.<method>`, less its weights and kind of GAN, as a hashable value for `terms`."""
         ...
 
-    def terms(self, spec: Spec, settings: Any, outputs: Any, contrast: Any, targets: jax.Array, gan: Any) -> Any:
+    def terms(self, spec: Spec, settings: Any, outputs: Any, constants: Any, targets: jax.Array, gan: Any) -> Any:
         """Return the unweighted `Terms` of the objective.
 
         The targets are the true poses (B, N, pose_dim), mean-subtracted. `gan` is the value () of the adversarial term;

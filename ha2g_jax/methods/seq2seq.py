@@ -257,8 +257,8 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
     return make_spec(config, skeleton, generator, inputs=("plain_words",) if audio is None else audio.inputs)
 
 
-def terms(spec: Spec, settings: None, outputs: Poses, contrast: None, targets: jax.Array, gan: None) -> Terms:
+def terms(spec: Spec, settings: None, outputs: Poses, constants: None, targets: jax.Array, gan: None) -> Terms:
     """Return the unweighted terms; see `Method.terms`."""
-    del spec, settings, contrast, gan
+    del spec, settings, constants, gan
     (poses,) = outputs.poses
     return Terms(mse(poses, targets), continuity(poses), variance(poses))

@@ -243,7 +243,7 @@ def _check_stages(config: Config) -> None:
         )
 
 
-def terms(spec: Spec, settings: None, outputs: Poses, contrast: None, targets: jax.Array, gan: jax.Array) -> Terms:
+def terms(spec: Spec, settings: None, outputs: Poses, constants: None, targets: jax.Array, gan: jax.Array) -> Terms:
     """Return the unweighted terms; see `Method.terms`."""
-    del spec, settings, contrast
+    del spec, settings, constants
     return Terms(gan, l1(outputs.poses[-1], targets))

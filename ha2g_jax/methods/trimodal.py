@@ -110,7 +110,7 @@ class Outputs(NamedTuple):
     log_variance: jax.Array
 
 
-class Contrast(NamedTuple):
+class Constants(NamedTuple):
     """The same speech in the style `other_z` (B, 16) of another speaker of the batch, beside the own z; no gradient
     flows through it.
     """
@@ -147,7 +147,7 @@ def run(
     *,
     train: bool = True,
     compute: Compute = FLOAT32,
-) -> Run[Outputs, Contrast]:
+) -> Run[Outputs, Constants]:
     """Run the generator on one batch, for its own speakers and, in the same run, for a permutation of them.
 
     Each of the two has its own sample of the style, so that they differ even where a speaker stays in place.
@@ -172,7 +172,7 @@ def run(
         spec.generator, variables, keys["dropout"], *twice, train=train, compute=compute, method=Trimodal.infer
     )
     pairs = poses.reshape(len(z), 2, *poses.shape[1:])
-    return Run(Outputs((pairs[:, 0],), mean, log_variance), Contrast(pairs[:, 1], z, other_z), batch_stats)
+    return Run(Outputs((pairs[:, 0],), mean, log_variance), Constants(pairs[:, 1], z, other_z), batch_stats)
 
 
 def _encode(model: Trimodal, speech: dict[str, jax.Array], speaker: jax.Array, *, train: bool) -> Any:
@@ -185,7 +185,7 @@ def loss_settings(settings: Mapping[str, Any]) -> LossSettings:
 
 
 def terms(
-    spec: Spec, settings: LossSettings, outputs: Outputs, contrast: Contrast, targets: jax.Array, gan: jax.Array
+    spec: Spec, settings: LossSettings, outputs: Outputs, constants: Constants, targets: jax.Array, gan: jax.Array
 ) -> Terms:
     """Return the unweighted terms; see `Method.terms`."""
     del spec
@@ -193,6 +193,6 @@ def terms(
     return Terms(
         gan=gan,
         huber=huber((poses,), (targets,), settings.huber_delta),
-        style=style(poses, *contrast, clip=settings.style_clip),
+        style=style(poses, *constants, clip=settings.style_clip),
         kld=kld(outputs.mean, outputs.log_variance),
     )

@@ -52,10 +52,10 @@ def term_gradients(objective: Objective, state: TrainState, batch: Batch, key: j
     """
     keys = step_keys(objective.spec, key, state.step)
     targets = subtract_mean(objective.spec, batch["directions"])
-    (outputs, contrast, _), pull_back = run_generator(objective, state.generator, batch, keys)
+    (outputs, constants, _), pull_back = run_generator(objective, state.generator, batch, keys)
 
     def terms(outputs: Any) -> jax.Array:
-        values = loss_terms(objective, state.discriminator, outputs, contrast, targets, keys["gan"], train=True)
+        values = loss_terms(objective, state.discriminator, outputs, constants, targets, keys["gan"], train=True)
         return jnp.stack(values)
 
     def norms(weights: jax.Array) -> tuple[jax.Array, jax.Array]:

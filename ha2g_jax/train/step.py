@@ -65,7 +65,7 @@ def train_step(objective: Objective, state: TrainState, batch: Batch, key: jax.A
     targets = subtract_mean(spec, batch["directions"])
     is_warm = state.step >= objective.warmup_steps
 
-    (outputs, contrast, generator_stats), pull_back = run_generator(objective, state.generator, batch, keys)
+    (outputs, constants, generator_stats), pull_back = run_generator(objective, state.generator, batch, keys)
     discriminator, discriminator_metrics = state.discriminator, {}
     if discriminator is not None:
         discriminator, discriminator_metrics = _update_discriminator(
@@ -79,7 +79,7 @@ def train_step(objective: Objective, state: TrainState, batch: Batch, key: jax.A
         discriminator = _where(is_warm, discriminator, state.discriminator)
 
     cotangent, metrics = output_gradient(
-        objective, discriminator, outputs, contrast, targets, keys["gan"], state.step, is_warm
+        objective, discriminator, outputs, constants, targets, keys["gan"], state.step, is_warm
     )
     (gradient,) = pull_back(cotangent)
     generator = _update(state.generator, gradient, objective.generator_optimizer, state.step)
@@ -125,8 +125,8 @@ def validation_step(objective: Objective, state: TrainState, batch: Batch, key: 
     """
     spec, keys = objective.spec, step_keys(objective.spec, key, jnp.zeros((), jnp.int32))
     method, targets = method_of(spec), subtract_mean(spec, batch["directions"])
-    outputs, contrast, _ = method.run(spec, state.model, batch, keys, train=False, compute=objective.compute)
-    terms = loss_terms(objective, state.discriminator, outputs, contrast, targets, keys["gan"], train=False)
+    outputs, constants, _ = method.run(spec, state.model, batch, keys, train=False, compute=objective.compute)
+    terms = loss_terms(objective, state.discriminator, outputs, constants, targets, keys["gan"], train=False)
     return _loss_metrics(terms, method.total(objective.weights, terms))
 
 
@@ -162,7 +162,7 @@ def loss_terms(
     objective: Objective,
     discriminator: Network | None,
     outputs: Any,
-    contrast: Any,
+    constants: Any,
     targets: jax.Array,
     key: jax.Array,
     *,
@@ -170,18 +170,18 @@ def loss_terms(
 ) -> Any:
     """Return the unweighted terms of the objective, `Method.Terms`.
 
-    Outputs and contrast are those of `Method.run`; the targets are the true poses (B, N, pose_dim), mean-subtracted.
+    Outputs and constants are those of `Method.run`; the targets are the true poses (B, N, pose_dim), mean-subtracted.
     The discriminator, None for a method without one, runs in training mode if `train`, with the key for its dropout.
     """
     gan = None if discriminator is None else _gan_term(objective, discriminator, outputs.poses[-1], key, train=train)
-    return method_of(objective.spec).terms(objective.spec, objective.settings, outputs, contrast, targets, gan)
+    return method_of(objective.spec).terms(objective.spec, objective.settings, outputs, constants, targets, gan)
 
 
 def output_gradient(
     objective: Objective,
     discriminator: Network | None,
     outputs: Any,
-    contrast: Any,
+    constants: Any,
     targets: jax.Array,
     key: jax.Array,
     step: jax.Array,
@@ -206,7 +206,7 @@ def output_gradient(
         )
 
     def objective_of(outputs: Any, gan: jax.Array | None) -> tuple[jax.Array, Any]:
-        terms = method.terms(spec, objective.settings, outputs, contrast, targets, gan)
+        terms = method.terms(spec, objective.settings, outputs, constants, targets, gan)
         return method.total(weights, terms), terms
 
     (total, terms), (gradient, gan_slope) = jax.value_and_grad(objective_of, argnums=(0, 1), has_aux=True)(outputs, gan)

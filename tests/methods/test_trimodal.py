@@ -32,25 +32,25 @@ def test_evaluation_compares_with_the_mean_styles_of_a_permutation(objective, st
     evaluate = jax.jit(
         lambda batch, keys: trimodal.run(objective.spec, state.generator.variables, batch, keys, train=False)
     )
-    outputs, contrast, _ = evaluate(batch, keys_of(objective.spec, 0))
-    np.testing.assert_array_equal(contrast.z, outputs.mean)
+    outputs, constants, _ = evaluate(batch, keys_of(objective.spec, 0))
+    np.testing.assert_array_equal(constants.z, outputs.mean)
     order = [
-        int(np.argmin(np.abs(np.asarray(outputs.mean) - row).max(axis=-1))) for row in np.asarray(contrast.other_z)
+        int(np.argmin(np.abs(np.asarray(outputs.mean) - row).max(axis=-1))) for row in np.asarray(constants.other_z)
     ]
-    np.testing.assert_array_equal(contrast.other_z, outputs.mean[np.array(order)])
+    np.testing.assert_array_equal(constants.other_z, outputs.mean[np.array(order)])
     assert sorted(order) == list(range(5)) != order
     other = evaluate(batch | {"speaker": jnp.array(order)}, keys_of(objective.spec, 1))
-    np.testing.assert_allclose(contrast.poses, other.outputs.poses[-1], atol=1e-6)
-    assert not np.allclose(contrast.poses, outputs.poses[-1], atol=1e-6)
+    np.testing.assert_allclose(constants.poses, other.outputs.poses[-1], atol=1e-6)
+    assert not np.allclose(constants.poses, outputs.poses[-1], atol=1e-6)
 
 
 def test_training_samples_both_styles(objective, state, make_motion_batch):
     """Even a clip that keeps its speaker, such as that of a batch of one, gets another style."""
     batch, keys = make_motion_batch(objective, 1), keys_of(objective.spec, 0)
-    outputs, contrast, _ = jax.jit(
+    outputs, constants, _ = jax.jit(
         lambda: trimodal.run(objective.spec, state.generator.variables, batch, keys, train=True)
     )()
-    assert len({tuple(np.asarray(z[0])) for z in (outputs.mean, contrast.z, contrast.other_z)}) == 3
+    assert len({tuple(np.asarray(z[0])) for z in (outputs.mean, constants.z, constants.other_z)}) == 3
 
 
 def test_without_words_the_features_are_those_of_the_sound(make_objective):

@@ -50,10 +50,10 @@ def two_pass_step(objective, state, batch, key):
 
     def generator_loss(params):
         variables = state.generator.variables | {"params": params}
-        outputs, contrast, _ = method_of(objective.spec).run(objective.spec, variables, batch, keys)
+        outputs, constants, _ = method_of(objective.spec).run(objective.spec, variables, batch, keys)
         fake_logits, _ = discriminate(objective.spec, discriminator.variables, outputs.poses[-1], keys["gan"])
         gan = adversarial.gan_generator(fake_logits)
-        terms = method_of(objective.spec).terms(objective.spec, objective.settings, outputs, contrast, targets, gan)
+        terms = method_of(objective.spec).terms(objective.spec, objective.settings, outputs, constants, targets, gan)
         return total(objective.weights, terms)
 
     updates, _ = objective.generator_optimizer.update(

@@ -76,7 +76,7 @@ class Outputs(NamedTuple):
     log_variance: jax.Array
 
 
-class Contrast(NamedTuple):
+class Constants(NamedTuple):
     """The same speech with another identity of the batch (B, 18), beside the own f_id, as poses (B, N, pose_dim) of the
     last level; no gradient flows through it.
     """
@@ -154,7 +154,7 @@ def run(
     train: bool = True,
     compute: Compute = FLOAT32,
     exchange: Callable[[jax.Array, jax.Array], jax.Array] = _roll,
-) -> Run[Outputs, Contrast]:
+) -> Run[Outputs, Constants]:
     """Run the generator on one batch, for its own identities and for a permutation of them.
 
     Audio, text and identity are encoded once, for the whole batch, whose statistics BatchNorm takes. The pose
@@ -180,7 +180,7 @@ def run(
     else:
         poses, other_poses = infer(keys["dropout"], clips)
     outputs = Outputs(poses, Features(*features[:3]), text, mean, log_variance)
-    return Run(outputs, Contrast(other_poses, f_id, other_f_id), batch_stats)
+    return Run(outputs, Constants(other_poses, f_id, other_f_id), batch_stats)
 
 
 def draw_identity(key: jax.Array, mean: jax.Array, log_variance: jax.Array) -> jax.Array:
@@ -251,7 +251,7 @@ def loss_settings(settings: Mapping[str, Any]) -> LossSettings:
 
 
 def terms(
-    spec: Spec, settings: LossSettings, outputs: Outputs, contrast: Contrast, targets: jax.Array, gan: jax.Array
+    spec: Spec, settings: LossSettings, outputs: Outputs, constants: Constants, targets: jax.Array, gan: jax.Array
 ) -> Terms:
     """Return the unweighted terms of Eq. 9; see `Method.terms`."""
     skeleton = spec.skeleton
@@ -263,7 +263,7 @@ def terms(
         huber=losses.huber(outputs.poses, levels, settings.huber_delta),
         physical=losses.physical(angles, jnp.asarray(skeleton.angle_mean), jnp.asarray(skeleton.angle_variance)),
         angle=losses.angle(angles, true),
-        style=losses.style(outputs.poses[-1], *contrast, delta=settings.style_delta, clip=settings.style_clip),
+        style=losses.style(outputs.poses[-1], *constants, delta=settings.style_delta, clip=settings.style_clip),
         kld=losses.kld(outputs.mean, outputs.log_variance),
         contrastive=losses.contrastive(
             text, *outputs.features, temperature=settings.temperature, negatives=settings.negatives

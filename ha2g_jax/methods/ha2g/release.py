@@ -241,7 +241,7 @@ def run(
     *,
     train: bool = True,
     compute: Compute = FLOAT32,
-) -> Run[paper.Outputs, paper.Contrast]:
+) -> Run[paper.Outputs, paper.Constants]:
     """Run the generator as HA2G's `run`; the terms see the style of the last level in place of all of f_id."""
     size = spec.generator.identity.feature_dim
 
@@ -249,11 +249,11 @@ def run(
         """Give each clip the styles of another one; the values that the blend follows from stay."""
         return jnp.concatenate([f_id[:, :size], jnp.roll(f_id[:, size:], shift, axis=0)], axis=-1)
 
-    outputs, contrast, batch_stats = paper.run(
+    outputs, constants, batch_stats = paper.run(
         spec, variables, batch, keys, train=train, compute=compute, exchange=exchange
     )
     mean, log_variance, f_id, other_f_id = (
-        values[:, -size:] for values in (outputs.mean, outputs.log_variance, contrast.f_id, contrast.other_f_id)
+        values[:, -size:] for values in (outputs.mean, outputs.log_variance, constants.f_id, constants.other_f_id)
     )
     outputs = outputs._replace(mean=mean, log_variance=log_variance)
-    return Run(outputs, contrast._replace(f_id=f_id, other_f_id=other_f_id), batch_stats)
+    return Run(outputs, constants._replace(f_id=f_id, other_f_id=other_f_id), batch_stats)

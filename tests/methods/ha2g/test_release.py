@@ -99,11 +99,11 @@ def test_words_and_speakers_change_every_level():
 def test_the_other_identity_keeps_the_blend_and_draws_the_styles():
     spec, variables, batch = _model("ted_gesture")
     keys = {name: jax.random.key(index) for index, name in enumerate(ha2g.keys)}
-    outputs, contrast, _ = jax.jit(lambda: release.run(spec, variables, batch, keys, train=True))()
-    assert outputs.mean.shape == outputs.log_variance.shape == contrast.f_id.shape == (B, 16)  # of the last level
+    outputs, constants, _ = jax.jit(lambda: release.run(spec, variables, batch, keys, train=True))()
+    assert outputs.mean.shape == outputs.log_variance.shape == constants.f_id.shape == (B, 16)  # of the last level
     assert np.isfinite(outputs.log_variance).all() and len(outputs.features) == 3
-    assert sorted(map(tuple, np.asarray(contrast.f_id))) == sorted(map(tuple, np.asarray(contrast.other_f_id)))
-    assert not np.allclose(contrast.f_id, outputs.mean)
+    assert sorted(map(tuple, np.asarray(constants.f_id))) == sorted(map(tuple, np.asarray(constants.other_f_id)))
+    assert not np.allclose(constants.f_id, outputs.mean)
     mean, log_variance = spec.generator.apply(variables, batch["speaker"], train=False, method="encode_identity")
     assert mean.shape == (B, spec.style_dim) and (np.asarray(log_variance[:, :16]) == -np.inf).all()
 
