@@ -257,7 +257,7 @@ def as_markdown(
         else "passed"
         if has_passed
         else "not passed"
-        if len(measured) == 2
+        if min(measured.values(), default=_GATE) < _GATE
         else "open"
     )
     answers = judge(_effects(scores if has_passed else {}))

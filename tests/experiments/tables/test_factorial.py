@@ -117,6 +117,9 @@ def test_a_failed_gate_leaves_the_claims_undecided(study):
     assert not gate(found, "small")[1] and gate(found, "debug")[1]
     page = factorial.as_markdown("small", {presets.FULL: {}}, found, {}, "")
     assert "**not passed**" in page and page.count("**undecided**") == 3
+    assert "**not passed**" in factorial.as_markdown(
+        "small", {presets.FULL: {}}, {presets.ORACLE: found[presets.ORACLE]}, {}, ""
+    )
     del found[presets.ORACLE]
     assert "**open**" in factorial.as_markdown("small", {presets.FULL: {}}, found, {}, "")
 
