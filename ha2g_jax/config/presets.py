@@ -326,12 +326,6 @@ CONTROLS: dict[str, Changes] = {
 # Size -> widths of the GRU of holistic, of no coordinator and of both, with which they have as many parameters.
 _WIDTHS = {"medium": (324, 126, 322), "small": (168, 62, 166), "debug": (44, 6, 40)}
 _FACTORIAL_RECIPE = {
-    "data.noise": 0.3,
-    "data.noise_snr_db": (5.0, 40.0),
-    "data.reverb": 0.3,
-    "data.equalizer_db": 10.0,
-    "data.gain_db": 12.0,
-    "data.vocal_tract": 0.12,
     "model.discriminator.layers": 1,
     "loss.ha2g.weights.style": 0.02,
     "loss.ha2g.weights.huber": 300.0,
