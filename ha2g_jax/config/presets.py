@@ -330,7 +330,7 @@ _FACTORIAL_RECIPE = {
     "loss.ha2g.weights.style": 0.02,
     "loss.ha2g.weights.huber": 300.0,
     "loss.ha2g.huber_delta": 0.2,
-    "loss.ha2g.weights.contrastive": 20.0,  # these two bring the words to the hands
+    "loss.ha2g.weights.contrastive": 20.0,  # with the next, it brings words to the hands
     "loss.ha2g.weights.angle": 1000.0,
     "train.learning_rate": 2e-3,
     "train.schedule": "cosine",
