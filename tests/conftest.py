@@ -66,6 +66,7 @@ THOROUGH = (
     "methods/test_baselines.py::test_half_precision_is_near_single_precision",
     "methods/test_baselines.py::test_one_batch_is_learnt_by_heart",
     "methods/test_speech2gesture.py::test_legacy_trains_as_the_published_comparison_did",
+    "train/test_hosts.py::test_a_run_of_two_processes_through_the_launcher",
     "train/test_loop.py::test_two_steps_on_recordings[ted",
     "train/test_step.py::test_bfloat16_changes_the_terms_by_little",
     "importers/video/test_build.py::test_a_cluster_gives_the_same_bytes_and_survives_a_killed_worker",

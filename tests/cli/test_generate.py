@@ -12,7 +12,7 @@ import soundfile
 from fixtures.pages import Page
 
 from ha2g_jax import cli
-from ha2g_jax.apps.generate import SUFFIXES, find_transcript, generate_files, out_paths, plan
+from ha2g_jax.apps.generate import find_transcript, generate_files, out_paths, plan
 from ha2g_jax.errors import UserError
 from ha2g_jax.figure import CAMERAS
 from ha2g_jax.motion.control import rest_pose
@@ -117,15 +117,15 @@ def test_the_result_lies_beside_the_speech_or_in_a_folder(speech, tmp_path):
     assert out_paths(speech.with_name("speech.v2.wav"), None)[0].name == "speech.v2_gestures.npz"
 
 
-@pytest.mark.parametrize("suffix", [suffix for suffix in SUFFIXES if suffix != ".fbx"])
-def test_every_format_is_written_and_nothing_else(debug_folder, speech, tmp_path, capsys, suffix):
+@pytest.mark.parametrize("suffix", [".bvh", ".glb", ".npz", ".mp4", ".html"])
+def test_a_format_is_written_and_nothing_else(debug_folder, speech, tmp_path, capsys, suffix):
     out = tmp_path / "new" / f"talk{suffix}"
     size = ("--size", 64) if suffix == ".mp4" else ()
     assert generate(speech, "-o", out, "--checkpoint", debug_folder, *size) == 0
     assert capsys.readouterr().out == f"{out}\n"
     assert [path.name for path in out.parent.iterdir()] == [out.name]
     content = out.read_bytes()
-    starts = {".bvh": b"HIERARCHY", ".glb": b"glTF", ".vrma": b"glTF", ".npz": b"PK", ".html": b"<!"}
+    starts = {".bvh": b"HIERARCHY", ".glb": b"glTF", ".npz": b"PK", ".html": b"<!"}
     assert content.startswith(starts.get(suffix, b"")) and len(content) > 1000
 
 

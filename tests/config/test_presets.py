@@ -18,8 +18,8 @@ from ha2g_jax.train.step import train_step
 SPECS = [*((data, "ha2g") for data in presets.DATA), *(("talk", name) for name in presets.METHODS if name != "ha2g")]
 BASELINES = ("seq2seq", "speech2gesture", "joint_embedding", "trimodal")
 EQUAL = [("talk", name, presets.equal(name, "debug")) for name in ("seq2seq", "joint_embedding")]
-# Those of bvh and of video have the networks of ted_expressive and of talk.
-STEPS = [*((*spec, {}) for spec in SPECS if spec[0] not in ("bvh", "video")), *EQUAL]
+# Those of bvh and of video have the networks of ted_expressive and of talk, and ha2g_release the step of ha2g.
+STEPS = [*((*spec, {}) for spec in SPECS if spec[0] not in ("bvh", "video") and spec[1] != "ha2g_release"), *EQUAL]
 
 
 def build(config):

@@ -61,9 +61,10 @@ def _seed(num_frames):
     return np.random.default_rng(2).normal(size=(len(WORDS), num_frames, POSE_DIM)).astype(np.float32)
 
 
-def _run(model, variables, words, seed):
-    inputs = {"plain_words": words}
-    return np.asarray(jax.jit(lambda seed: model.apply(variables, inputs, None, seed, train=False)[-1])(seed))
+@pytest.fixture(scope="module")
+def run(model, variables):
+    """Return the poses of WORDS after a seed."""
+    return jax.jit(lambda seed: model.apply(variables, {"plain_words": WORDS}, None, seed, train=False)[-1])
 
 
 def _numpy_sentence(oracles, params, words):
@@ -100,10 +101,10 @@ def _numpy_step(oracles, variables, states, pose, words):
     return [bottom, top], top @ params["linear_out"]["kernel"] + params["linear_out"]["bias"]
 
 
-def test_equals_the_equations(model, variables, oracles):
+def test_equals_the_equations(run, variables, oracles):
     """Encoder, start of the decoder, attention also over the padding, and decoder over all frames, clip by clip."""
     seed = _seed(4)
-    found = _run(model, variables, WORDS, seed)
+    found = np.asarray(run(seed))
     for row, words in enumerate(WORDS):
         encoded, states = _numpy_sentence(oracles, variables["params"]["text"], words[words != 0])
         padded = np.concatenate([encoded, np.zeros((len(words) - len(encoded), HIDDEN_DIM))])
@@ -117,15 +118,15 @@ def test_equals_the_equations(model, variables, oracles):
 
 
 @pytest.mark.parametrize("num_seed_frames", [1, 4, 7])
-def test_true_poses_are_fed_until_the_seed_ends(model, variables, num_seed_frames):
+def test_true_poses_are_fed_until_the_seed_ends(run, num_seed_frames):
     seed = _seed(num_seed_frames)
-    poses = _run(model, variables, WORDS, seed)
+    poses = run(seed)
     assert poses.shape == (len(WORDS), NUM_FRAMES, POSE_DIM)
     np.testing.assert_array_equal(poses[:, 0], seed[:, 0])
     for frame in range(num_seed_frames):
         moved = seed.copy()
         moved[:, frame] += 1
-        is_changed = np.any(_run(model, variables, WORDS, moved) != poses, axis=(0, 2))
+        is_changed = np.any(run(moved) != poses, axis=(0, 2))
         assert is_changed[0] == (frame == 0)
         assert not is_changed[1 : frame + 1].any()
         assert is_changed[frame + 1]

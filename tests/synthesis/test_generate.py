@@ -2,6 +2,7 @@
 
 import dataclasses
 import importlib.resources
+import itertools
 import pathlib
 import types
 
@@ -35,8 +36,13 @@ def speech(seconds: float, seed: int = 0, pace: float = 2) -> np.ndarray:
     return samples.astype(np.float32)
 
 
-@pytest.mark.parametrize("seconds", [0.2, 0.5, 1.5, 2.0, 2.2667, 2.27, 2.3, 4.2667, 8, 30, 61.7])
-@pytest.mark.parametrize("fps", [None, 15, 24, 29.97, 30, 60, 240])
+@pytest.mark.parametrize(
+    ("seconds", "fps"),
+    [
+        *itertools.product([0.2, 0.5, 1.5, 2.0, 2.2667, 2.27, 2.3, 4.2667, 8, 30, 61.7], [None, 29.97]),
+        *itertools.product([2.27], [15, 24, 30, 60, 240]),
+    ],
+)
 def test_frames_are_duration_times_fps_rounded(debug_model, seconds, fps):
     audio = speech(seconds)
     motion = debug_model.generate(audio, fps=fps)

@@ -191,8 +191,13 @@ def test_the_memory_of_a_stream_does_not_grow(debug_model, held_bytes, hop):
     assert max(sizes) - min(sizes) < 5_000 + 4 * 42 * 3 * hop  # samples of a column, and frames that are held
 
 
-@pytest.mark.parametrize("seconds", [0, 1 / 16000, 0.03, 0.1, 1 / 3, 2.2334, 2.31])
-@pytest.mark.parametrize("options", [{"look_ahead": 0}, {}, {"look_ahead": 34, "hop": 3}, {"look_ahead": 0, "hop": 26}])
+@pytest.mark.parametrize(
+    ("seconds", "options"),
+    [
+        *itertools.product([0, 1 / 16000, 0.03, 0.1, 1 / 3, 2.2334, 2.31], [{}]),
+        *itertools.product([2.31], [{"look_ahead": 0}, {"look_ahead": 34, "hop": 3}, {"look_ahead": 0, "hop": 26}]),
+    ],
+)
 def test_frames_are_duration_times_fps_rounded(debug_model, seconds, options):
     samples = speech(seconds)
     frames = streamed(debug_model, samples, 700, **options)

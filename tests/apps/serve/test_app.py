@@ -21,7 +21,7 @@ from ha2g_jax.motion.control.parts import rest_pose
 from ha2g_jax.synthesis import Style
 
 
-@pytest.mark.parametrize("suffix", [suffix.removeprefix(".") for suffix in formats.SUFFIXES])
+@pytest.mark.parametrize("suffix", ["npz", "glb"])
 def test_files_are_those_of_generate(client, debug_model, suffix, tmp_path):
     (tmp_path / "a.wav").write_bytes(wav(1))
     options = {"style": Style(mixture={"ada": 1.0, "ben": 3.0}), "seed": 4, "controls": Controls(energy=0.5)}
