@@ -25,7 +25,7 @@ from tables.runs import DEFAULT_SEEDS, Perform, Stop, add_options, perform_in_pr
 from tables.workdirs import is_finished, record_of
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.writing import whole_file
+from ha2g_jax.files.writing import write_text
 
 
 def main(argv: Sequence[str] | None = None, perform: Perform = perform_in_process) -> int:
@@ -99,8 +99,7 @@ def study_latency(
     if results.has_scores:
         files |= {out.with_suffix(".svg"): figure(results), out.with_suffix(".csv"): all_numbers(results)}
     for path, text in files.items():
-        with whole_file(path) as temporary:
-            temporary.write_text(text)
+        write_text(path, text)
     return not any(results.failures.values())
 
 

@@ -50,7 +50,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.charts import markdown
 from ha2g_jax.evaluation.corpus_statistics import joint_rows, summarise
 from ha2g_jax.files.reading import shown
-from ha2g_jax.files.writing import whole_file
+from ha2g_jax.files.writing import write_text
 
 CORPUS_TABLES = ("table5", "table10")
 
@@ -115,7 +115,7 @@ def reproduce(
         if keep is not None or request.changes:
             option = "--changes" if keep is None else "--keep"
             raise UserError(f"nothing is trained for {request.table}; leave out {option}")
-        _write(out, corpus_page(request.table, corpus_path(request), command))
+        write_text(out, corpus_page(request.table, corpus_path(request), command))
         return True
     plan = plan_table(request)
     runs = [plan.autoencoder, *plan.runs]
@@ -145,11 +145,11 @@ def reproduce(
     if request.table == factorial.TABLE:
         return _write_factorial(results, out)
     if results.scores:
-        _write(out.with_suffix(".csv"), all_numbers(results))
+        write_text(out.with_suffix(".csv"), all_numbers(results))
     chart = out.with_suffix(".svg") if request.table == "figure3" and results.scores else None
     if chart:
-        _write(chart, figure(results))
-    _write(out, as_markdown(results, out.with_suffix(".csv").name, chart and chart.name))
+        write_text(chart, figure(results))
+    write_text(out, as_markdown(results, out.with_suffix(".csv").name, chart and chart.name))
     return not results.failures
 
 
@@ -159,8 +159,8 @@ def _write_factorial(results: Results, out: pathlib.Path) -> bool:
     numbers = out.with_suffix(".csv")
     if results.scores:
         more = factorial.all_numbers(records, results.scores)
-        _write(numbers, every_number(plan.table, results.scores, plan.splits, {}, more))
-    _write(out, factorial.as_markdown(request.size, records, results.scores, failures, numbers.name))
+        write_text(numbers, every_number(plan.table, results.scores, plan.splits, {}, more))
+    write_text(out, factorial.as_markdown(request.size, records, results.scores, failures, numbers.name))
     print(factorial.describe(records))
     return not failures
 
@@ -210,11 +210,6 @@ def _describe_autoencoder(record: Record, runs: Sequence[Record]) -> str:
     if error is not None:
         texts.append(f"reconstruction error {error:.4g} (mean L1 of direction vectors on the validation split)")
     return "; ".join(texts)
-
-
-def _write(path: pathlib.Path, text: str) -> None:
-    with whole_file(path) as temporary:
-        temporary.write_text(text)
 
 
 def corpus_page(name: str, path: str | os.PathLike, command: str) -> str:

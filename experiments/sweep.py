@@ -24,7 +24,7 @@ from tables.runs import Stop, Stopped, run_all, run_logged, stop_signals
 from tables.workdirs import Run, is_finished
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.writing import whole_file, writing
+from ha2g_jax.files.writing import write_text, writing
 from ha2g_jax.train.workdir import METRICS, VALIDATION_PREFIX, read_metrics
 
 TRAIN = (sys.executable, "-m", "ha2g_jax.cli", "train")
@@ -109,8 +109,7 @@ def _train_all(runs: Sequence[Run], commands: dict[str, list[str]], workdir: pat
         except Stopped as stopped:
             code = 128 + stopped.number
     gathered = gather(runs)
-    with whole_file(workdir / "sweep.json") as temporary:
-        temporary.write_text(json.dumps(gathered, indent=1) + "\n")
+    write_text(workdir / "sweep.json", json.dumps(gathered, indent=1) + "\n")
     print(as_table(gathered))
     return code
 

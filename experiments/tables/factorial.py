@@ -25,7 +25,7 @@ from tables.claims import (
     t_test,
 )
 from tables.paper_tables import Published, Row, Table
-from tables.tables import RowScores, Scores, by_seed, spread_text
+from tables.tables import RowScores, Scores, by_seed, plus_minus, spread_text
 from tables.workdirs import Record
 
 TABLE = "factorial"
@@ -325,13 +325,8 @@ def _cell_line(row: str, scores: Mapping[int, Scores]) -> tuple[str, ...]:
     cells = []
     for measure in MEASURES:
         values = [one.value for one in _values(scores, measure).values()]
-        cells.append(_plus_minus(over_seeds(values)) if values else "-")
+        cells.append(plus_minus(over_seeds(values)) if values else "-")
     return (row, *cells, str(len(scores)))
-
-
-def _plus_minus(spread: Spread) -> str:
-    mean, low, high, _ = spread
-    return number(mean) if low is None or high is None else f"{number(mean)} ±{number((high - low) / 2)}"
 
 
 def all_numbers(records: Mapping[str, Mapping[int, Record]], scores: RowScores) -> Iterator[Sequence[Any]]:

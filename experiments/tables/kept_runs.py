@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 from ha2g_jax.data.corpus import TALK_VERSION
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
-from ha2g_jax.files.writing import whole_file
+from ha2g_jax.files.writing import write_text
 from tables.workdirs import Record, Run, is_finished, record_of, without_path
 
 FILE = "scores.jsonl"
@@ -145,8 +145,7 @@ def _write(kept: Kept, path: pathlib.Path) -> None:
     autoencoder = kept.autoencoder and kept.autoencoder._asdict()
     head = {"data": kept.data, "kind": kept.kind, "autoencoder": autoencoder, "alike": alike}
     lines = [head, *(_own(record, alike) for record in records)]
-    with whole_file(path) as temporary:
-        temporary.write_text("".join(json.dumps(line, allow_nan=False) + "\n" for line in lines))
+    write_text(path, "".join(json.dumps(line, allow_nan=False) + "\n" for line in lines))
 
 
 def _alike(trees: Sequence[Any]) -> Any:

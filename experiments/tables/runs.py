@@ -19,6 +19,7 @@ from typing import Any, TypeAlias
 
 import tqdm
 
+from ha2g_jax.cli.parser import positive
 from ha2g_jax.config.presets import SIZES
 from ha2g_jax.errors import UserError
 from ha2g_jax.progress import progress_bar
@@ -141,14 +142,8 @@ def add_options(parser: argparse.ArgumentParser, page: str, size: str) -> None:
     add("--seeds", help="number of seeds, or a list such as 0,5,7 (default: 3, or that of a study)")
     add("--out", type=pathlib.Path, help=f"file of the page (default: {page})")
     add("--workdir", type=pathlib.Path, default=WORKDIR, help=f"folder of all runs (default: {WORKDIR})")
-    add("--jobs", type=_positive, default=1, help="number of runs at once, each on a part of the cores")
+    add("--jobs", type=positive, default=1, help="number of runs at once, each on a part of the cores")
     add("--no-train", action="store_true", help="evaluate existing runs only")
-
-
-def _positive(text: str) -> int:
-    if not text.isdecimal() or not int(text):
-        raise argparse.ArgumentTypeError(f"{text} is not 1 or more")
-    return int(text)
 
 
 # Function that trains a run if it is not finished, and scores it: (request, run, number of the worker, stop). It raises

@@ -35,7 +35,7 @@ from ha2g_jax.evaluation.talk_scores import (
     score_known_causes,
     semantic_floors,
 )
-from ha2g_jax.files.writing import whole_file
+from ha2g_jax.files.writing import write_text
 from ha2g_jax.metrics import diversity
 from ha2g_jax.metrics.beats import stops
 from ha2g_jax.metrics.beats.alignment import align, partners, with_partners
@@ -66,8 +66,7 @@ def score_run(run: Run, plan: TablePlan, request: Request) -> None:
     if path is None or read_stored(path) is not None:
         return
     scores = _score(run, plan, request)
-    with whole_file(path) as temporary:
-        temporary.write_text(json.dumps(scores, allow_nan=False) + "\n")
+    write_text(path, json.dumps(scores, allow_nan=False) + "\n")
 
 
 def _score(run: Run, plan: TablePlan, request: Request) -> dict[str, Any]:
@@ -143,8 +142,7 @@ def _retrieve(plan: TablePlan, request: Request) -> dict[str, list[ClipResult]]:
     if nearest is None:
         library = retrieval.make_library(corpus)
         nearest = {split: retrieval.nearest_windows(library, corpus, split) for split in plan.splits}
-        with whole_file(path) as temporary:
-            temporary.write_text(json.dumps(nearest) + "\n")
+        write_text(path, json.dumps(nearest) + "\n")
     return {split: retrieval.join_motion(corpus, split, nearest[split]) for split in plan.splits}
 
 
@@ -237,8 +235,7 @@ def score_look_aheads(run: Run, plan: Plan, split: str) -> None:
             "model_scores": leave_one_out(causes, recordings) | _of_motion(rows.rows[MODEL]),
             "truth_scores": leave_one_out(known, recordings) | _of_motion(rows.truth),
         }
-        with whole_file(path) as temporary:
-            temporary.write_text(json.dumps(scores, indent=1, allow_nan=False) + "\n")
+        write_text(path, json.dumps(scores, indent=1, allow_nan=False) + "\n")
 
 
 def leave_one_out(row: CauseRow, recordings: Sequence[str]) -> dict[str, dict[str, Any]]:
@@ -250,23 +247,7 @@ def leave_one_out(row: CauseRow, recordings: Sequence[str]) -> dict[str, dict[st
     Returns:
         {name: {"value", "without": a number for each recording in ascending order}}.
     """
-    of_clip = dict(zip(row.clips.tolist(), recordings, strict=True))
-    members, words = np.array(recordings), np.array([of_clip[clip] for clip in row.word_clips.tolist()])
-    times = len(row.mismatched) // max(len(row.counts), 1)
-    parts = []
-    for name in sorted(set(recordings)):
-        kept, said = members != name, words != name
-        parts.append(
-            known_scores(
-                row._replace(
-                    counts=row.counts[kept],
-                    mismatched=row.mismatched[np.repeat(kept, times)],
-                    clips=row.clips[kept],
-                    shapes=row.shapes[said],
-                    word_clips=row.word_clips[said],
-                )
-            )
-        )
+    parts = [known_scores(row.take(np.not_equal(recordings, name))) for name in sorted(set(recordings))]
     return {
         name: {"value": value, "without": [part[name] for part in parts]} for name, value in known_scores(row).items()
     }

@@ -152,9 +152,12 @@ def _main_line(row: Row, scores: Mapping[int, Scores], split: str, columns: Iter
 
 def _text(found: Cell | None) -> str:
     """Format a value as its mean and half its interval over seeds."""
-    if found is None:
-        return "-"
-    mean, low, high, _ = found.seeds
+    return "-" if found is None else plus_minus(found.seeds)
+
+
+def plus_minus(spread: Spread) -> str:
+    """Format a mean and half its interval."""
+    mean, low, high, _ = spread
     return number(mean) if low is None or high is None else f"{number(mean)} ±{number((high - low) / 2)}"
 
 

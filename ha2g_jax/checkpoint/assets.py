@@ -40,10 +40,10 @@ def to_json(assets: Assets) -> dict[str, Any]:
     return {
         "schema_version": SCHEMA_VERSION,
         "skeleton": {"name": assets.skeleton.name}
-        | {name: _numbers(getattr(assets.skeleton, name)) for name in STATISTICS},
+        | {name: shortest_decimals(getattr(assets.skeleton, name)) for name in STATISTICS},
         "vocabulary": list(assets.vocabulary.words),
-        "speakers": {name: _numbers(f_id) for name, f_id in assets.speakers.items()},
-        "seed_poses": _numbers(assets.seed_poses),
+        "speakers": {name: shortest_decimals(f_id) for name, f_id in assets.speakers.items()},
+        "seed_poses": shortest_decimals(assets.seed_poses),
         "hash": assets.hash,
     }
 
@@ -109,7 +109,7 @@ def _array(values: Any, name: str) -> np.ndarray:
     return array
 
 
-def _numbers(array: np.ndarray) -> Any:
+def shortest_decimals(array: np.ndarray) -> Any:
     """Return nested lists of the shortest decimals that give the same float32."""
     array = np.asarray(array, np.float32)
-    return [_numbers(row) for row in array] if array.ndim else float(str(array))
+    return [shortest_decimals(row) for row in array] if array.ndim else float(str(array))

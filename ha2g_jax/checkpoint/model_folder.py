@@ -24,7 +24,7 @@ from ha2g_jax.config import settings as configs
 from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import parse_json, read_bytes, reading, reason, shown
-from ha2g_jax.files.writing import whole_file, whole_folder
+from ha2g_jax.files.writing import whole_folder, write_text
 from ha2g_jax.limits import MAX_ASSETS_BYTES, MAX_CONFIG_BYTES
 from ha2g_jax.methods import build, variable_shapes
 from ha2g_jax.methods.method import Spec
@@ -160,8 +160,7 @@ def write_description(folder: pathlib.Path, config: Config, assets: Assets) -> N
         UserError: a file cannot be written; what was there before stays.
     """
     for name, values in ((CONFIG, config_to_json(config)), (ASSETS, assets_module.to_json(assets))):
-        with whole_file(folder / name) as temporary:
-            temporary.write_text(json.dumps(values, indent=1 if name == CONFIG else None) + "\n")
+        write_text(folder / name, json.dumps(values, indent=1 if name == CONFIG else None) + "\n")
 
 
 def config_to_json(config: Config) -> dict[str, Any]:

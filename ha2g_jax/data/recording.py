@@ -78,6 +78,11 @@ def report_as_json(report: Report) -> dict[str, Any]:
     return {split: counts.as_json() for split, counts in report.items()}
 
 
+def report_from_json(values: dict[str, Any]) -> Report:
+    """Make a report of what `report_as_json` returned."""
+    return {split: SplitReport.from_json(counts) for split, counts in values.items()}
+
+
 def report_as_table(report: Report) -> str:
     """Format a report as text: one line per split, followed by one line per reason."""
     lines = [f"{'split':<12}{'videos':>8}{'clips':>8}{'windows':>10}{'kept':>10}"]

@@ -145,7 +145,7 @@ def _renamed(clips: Clips, index: int, new_names: dict[str, dict[str, str]]) -> 
 
 def _metadata(corpora: list[Corpus], dst: str | os.PathLike) -> dict[str, Any]:
     described = [description(corpus) for corpus in corpora]
-    reports = [_report(corpus) for corpus in corpora]
+    reports = [recording.report_from_json(corpus.metadata.get("import", {})) for corpus in corpora]
     splits = dict.fromkeys(split for report in reports for split in report)
     added: Report = {
         split: functools.reduce(operator.add, (report[split] for report in reports if split in report), SplitReport())
@@ -185,10 +185,6 @@ def _licence(by_folder: Mapping[str, str]) -> str:
     if len(set(by_folder.values())) == 1:
         return next(iter(by_folder.values()))
     return _SEPARATOR.join(f"{folder}: {licence}" for folder, licence in by_folder.items())
-
-
-def _report(corpus: Corpus) -> Report:
-    return {split: SplitReport.from_json(counts) for split, counts in corpus.metadata.get("import", {}).items()}
 
 
 def _joined(texts: Iterable[Any]) -> str:

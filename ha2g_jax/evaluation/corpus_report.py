@@ -20,7 +20,7 @@ from scipy import ndimage, signal
 from ha2g_jax import figure
 from ha2g_jax.data import recording as filters
 from ha2g_jax.data.corpus import TRAIN, Corpus
-from ha2g_jax.data.recording import SplitReport
+from ha2g_jax.data.recording import SplitReport, report_from_json
 from ha2g_jax.data.records import Clip
 from ha2g_jax.data.talk.speakers import Style, look_of
 from ha2g_jax.errors import UserError
@@ -33,13 +33,12 @@ from ha2g_jax.evaluation.corpus_statistics import (
     angle_rows,
     bone_rows,
     joint_rows,
-    report_of,
     split_rows,
     summarise,
 )
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.files.reading import shown
-from ha2g_jax.files.writing import whole_file
+from ha2g_jax.files.writing import write_text
 from ha2g_jax.motion.formats.video import write_video
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.readers import Reading, check_reading, read_motion
@@ -112,8 +111,7 @@ def write_report(
     template = importlib.resources.files("ha2g_jax") / "assets" / "corpus_report.html"
     title = html.escape(f"{summary['name']}: corpus report")
     page = string.Template(template.read_text()).substitute(title=title, body="\n".join(sections))
-    with whole_file(out) as temporary:
-        temporary.write_text(page, encoding="utf-8")
+    write_text(out, page)
     return out
 
 
@@ -144,7 +142,7 @@ def _head(summary: dict[str, Any]) -> str:
 
 def _numbers(summary: dict[str, Any]) -> str:
     """Make the list of the most important numbers."""
-    total, reports = summary["total"], report_of(summary).values()
+    total, reports = summary["total"], report_from_json(summary["import"]).values()
     looked_at = sum(report.windows for report in reports)
     hours = total["hours"]
     numbers = {
@@ -232,7 +230,7 @@ def _import(summary: dict[str, Any]) -> Iterator[str]:
     if not summary["import"]:
         return
     yield "<h2>Import</h2>"
-    for split, report in report_of(summary).items():
+    for split, report in report_from_json(summary["import"]).items():
         yield (
             f"<h3>{html.escape(split)}: {counted(report.windows, 'window')} of {counted(report.clips, 'clip')} of "
             f"{counted(report.videos, 'recording')}</h3>"

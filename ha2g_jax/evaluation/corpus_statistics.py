@@ -9,7 +9,7 @@ import numpy as np
 
 from ha2g_jax.data import recording
 from ha2g_jax.data.corpus import TRAIN, Corpus
-from ha2g_jax.data.recording import SplitReport, seen
+from ha2g_jax.data.recording import seen
 from ha2g_jax.data.records import WINDOW_FRAMES, frames_at
 from ha2g_jax.files.reading import resolved
 from ha2g_jax.progress import progress_bar
@@ -107,7 +107,7 @@ def as_table(summary: dict[str, Any]) -> str:
         *_motion_blocks(summary["training"] or {}),
     ]
     if summary["import"]:
-        blocks.append(["import", recording.report_as_table(report_of(summary))])
+        blocks.append(["import", recording.report_as_table(recording.report_from_json(summary["import"]))])
     return "\n\n".join("\n".join(block) for block in blocks)
 
 
@@ -120,11 +120,6 @@ def split_rows(summary: dict[str, Any]) -> list[list[str]]:
         if any(value is not None for value in values):
             rows.append([title, *("-" if value is None else format(value, form) for value in values)])
     return rows
-
-
-def report_of(summary: dict[str, Any]) -> recording.Report:
-    """Return the report of the import of a corpus from what `summarise` returns."""
-    return {split: SplitReport.from_json(counts) for split, counts in summary["import"].items()}
 
 
 def joint_rows(training: dict[str, Any]) -> list[list[str]]:

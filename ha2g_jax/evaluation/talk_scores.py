@@ -290,27 +290,9 @@ def without_speakers(row: CauseRow, name: str) -> dict[str, float]:
     """
     metric, values = metrics.of_section("known_causes")[name], {}
     for speaker in np.unique(row.speakers).tolist():
-        found = metric.measure(_without(row, speaker))
+        found = metric.measure(row.take(row.speakers != speaker))
         values[speaker] = found.value if isinstance(found, Estimate) else np.nan
     return values
-
-
-def _without(row: CauseRow, speaker: str) -> CauseRow:
-    kept = row.speakers != speaker
-    words = np.isin(row.word_clips, row.clips[kept])
-    chance = row.mismatched.reshape(len(kept), -1, row.counts.shape[1])[kept].reshape(-1, row.counts.shape[1])
-    return row._replace(
-        counts=row.counts[kept],
-        mismatched=chance if len(row.mismatched) else row.mismatched,
-        seconds=row.seconds[kept],
-        clips=row.clips[kept],
-        shapes=row.shapes[words],
-        flexions=row.flexions[words],
-        word_clips=row.word_clips[words],
-        seen=row.seen[kept],
-        asked=row.asked[kept],
-        speakers=row.speakers[kept],
-    )
 
 
 def measure_causes(row: CauseRow) -> dict[str, Estimate]:

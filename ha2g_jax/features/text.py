@@ -1,10 +1,9 @@
 """Frame-aligned words, and the vocabulary of a training split."""
 
-import collections
 import dataclasses
 import functools
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -31,11 +30,6 @@ class Vocabulary:
 
     def __repr__(self) -> str:
         return f"Vocabulary({len(self.words)} words)"
-
-    @classmethod
-    def from_words(cls, words: Iterable[str]) -> "Vocabulary":
-        """Make the vocabulary of running words: most frequent first, ties in alphabetical order."""
-        return cls.from_counts(collections.Counter(word.lower() for word in words))
 
     @classmethod
     def from_counts(cls, counts: Mapping[str, int]) -> "Vocabulary":

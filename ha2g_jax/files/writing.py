@@ -122,6 +122,16 @@ def whole_file(path: str | pathlib.Path, advice: str = _ADVICE) -> Iterator[path
                 temporary.unlink()
 
 
+def write_text(path: str | pathlib.Path, text: str, advice: str = _ADVICE) -> None:
+    """Write a text in UTF-8, completely or not at all, see `whole_file`.
+
+    Raises:
+        UserError: the file cannot be written, or the disk is full.
+    """
+    with whole_file(path, advice) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
 @contextlib.contextmanager
 def whole_folder(path: str | pathlib.Path) -> Iterator[pathlib.Path]:
     """Provide a new folder, which is renamed to `path` when the context ends without an exception.

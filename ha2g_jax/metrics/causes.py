@@ -42,6 +42,14 @@ class CauseRow(NamedTuple):
     speakers: np.ndarray = np.zeros(0, str)
     takes: np.ndarray = np.zeros((0, 3))
 
+    def take(self, kept: np.ndarray) -> "CauseRow":
+        """Return what is found in the motions of a mask (n,), but for `takes`, which stays whole."""
+        words = np.isin(self.word_clips, self.clips[kept])
+        masks = dict.fromkeys(("shapes", "flexions", "word_clips"), words)
+        masks["mismatched"] = np.repeat(kept, len(self.mismatched) // max(len(kept), 1))
+        parts = {name: part for name, part in self._asdict().items() if len(part) and name != "takes"}
+        return self._replace(**{name: part[masks.get(name, kept)] for name, part in parts.items()})
+
 
 class Predictions(NamedTuple):
     """Whether the class of each word is predicted (n,), and the id of each word's clip (n,)."""

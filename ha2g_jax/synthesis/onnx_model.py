@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ha2g_jax.checkpoint import ASSETS, CONFIG, WEIGHTS, hub
-from ha2g_jax.checkpoint.assets import Assets
+from ha2g_jax.checkpoint.assets import Assets, shortest_decimals
 from ha2g_jax.checkpoint.onnx.reading import BY, FEATURES, OUTPUT, SUFFIX, Description, read, to_metadata
 from ha2g_jax.data.speech import prepare, window
 from ha2g_jax.errors import UserError, require
@@ -24,7 +24,7 @@ from ha2g_jax.features.noise import track
 from ha2g_jax.features.text import Word
 from ha2g_jax.files.cache import cache_folder, one_maker
 from ha2g_jax.files.reading import read_json, reason, shown
-from ha2g_jax.files.writing import whole_file
+from ha2g_jax.files.writing import write_text
 from ha2g_jax.limits import MAX_ASSETS_BYTES
 from ha2g_jax.motion.cues import describe_catalogue
 from ha2g_jax.motion.resample import num_frames
@@ -201,8 +201,7 @@ def write_page_description(path: str | pathlib.Path) -> pathlib.Path:
         UserError: see `checkpoint.onnx.reading.read`, or the file cannot be written.
     """
     out = pathlib.Path(path).with_name("model.json")
-    with whole_file(out) as temporary:
-        temporary.write_text(json.dumps(page_description(path), separators=(",", ":")), encoding="utf-8")
+    write_text(out, json.dumps(page_description(path), separators=(",", ":")))
     return out
 
 
@@ -236,10 +235,7 @@ def takes(description: Description, seeds: int = NUM_SEEDS) -> list[dict[str, An
         style, _ = choose_style(description, {}, description.assets, RANDOM, seed)
         variation, _ = choose_style(description, {}, no_style, Style(speaker="", variation=1.0), seed)
         seed_pose = description.assets.choose_seed_pose(seed)
-        found.append({"style": _numbers(style), "variation": _numbers(variation), "seed_pose": seed_pose})
+        found.append(
+            {"style": shortest_decimals(style), "variation": shortest_decimals(variation), "seed_pose": seed_pose}
+        )
     return found
-
-
-def _numbers(values: np.ndarray) -> list[float]:
-    """Return the shortest decimals that give the same float32."""
-    return [float(str(value)) for value in values]

@@ -26,7 +26,7 @@ from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.data.windows import Windows
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
-from ha2g_jax.files.writing import whole_file
+from ha2g_jax.files.writing import write_text
 from ha2g_jax.methods.method import Spec
 from ha2g_jax.progress import progress_bar, stage
 from ha2g_jax.stopping import Stop, stop_after_step
@@ -234,8 +234,7 @@ def _failure(error: NotFinite, names: list[str], workdir: pathlib.Path, save: Ca
     with contextlib.closing(Checkpoints(folder)) as failed:
         save(failed, failure=report)
     if hosts.is_first():
-        with whole_file(folder.with_suffix(".json")) as temporary:
-            temporary.write_text(json.dumps(report, indent=1) + "\n")
+        write_text(folder.with_suffix(".json"), json.dumps(report, indent=1) + "\n")
     first = ", ".join(names[:_NAMES_SHOWN])
     more = f" and {len(names) - _NAMES_SHOWN} more" if names[_NAMES_SHOWN:] else ""
     return UserError(

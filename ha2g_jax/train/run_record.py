@@ -23,7 +23,7 @@ from ha2g_jax.config.settings import Config
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import read_json, reason, resolved, shown
-from ha2g_jax.files.writing import whole_file
+from ha2g_jax.files.writing import write_text
 from ha2g_jax.layers.cpu.onednn.library import used_version
 from ha2g_jax.limits import MAX_RECORD_BYTES
 from ha2g_jax.train.workdir import CONTINUE
@@ -108,8 +108,7 @@ def _read(workdir: pathlib.Path) -> dict[str, Any]:
 
 
 def _write(workdir: pathlib.Path, record: dict[str, Any]) -> None:
-    with whole_file(workdir / RUN, CONTINUE) as temporary:
-        temporary.write_text(json.dumps(record, indent=1) + "\n")
+    write_text(workdir / RUN, json.dumps(record, indent=1) + "\n", CONTINUE)
 
 
 def _now() -> str:

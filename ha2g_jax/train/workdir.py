@@ -13,7 +13,7 @@ import filelock
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
-from ha2g_jax.files.writing import whole_file, writing
+from ha2g_jax.files.writing import write_text, writing
 
 METRICS, LOCK = "metrics.jsonl", "training.lock"
 VALIDATION_PREFIX = "validation/"  # begins the names of the metrics of the validation split
@@ -26,8 +26,7 @@ _PATIENCE = 1.0  # seconds; `is_training` may hold the lock for a moment
 def start_metrics(path: pathlib.Path, step: int) -> None:
     """Drop the lines of a `metrics.jsonl` for steps after that at which a run starts, and an incomplete last one."""
     lines = read_metrics(path) if path.exists() else []
-    with whole_file(path, CONTINUE) as temporary:
-        temporary.write_text("".join(json.dumps(line) + "\n" for line in lines if line["step"] <= step))
+    write_text(path, "".join(json.dumps(line) + "\n" for line in lines if line["step"] <= step), CONTINUE)
 
 
 def append_metrics(path: pathlib.Path, step: int, metrics: dict[str, float]) -> None:

@@ -18,7 +18,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.text import Word
 from ha2g_jax.figure import view_of
-from ha2g_jax.files.writing import whole_file
+from ha2g_jax.files.writing import write_text
 from ha2g_jax.limits import MAX_MOTION_FRAMES
 from ha2g_jax.motion.armature import export_axes
 from ha2g_jax.motion.control.parts import rest_pose
@@ -66,8 +66,7 @@ class Page:
         path = pathlib.Path(path)
         if path.suffix.lower() not in (".html", ".htm"):
             raise UserError(f"the viewer is an HTML page, not {path.name!r}; give a name that ends in .html")
-        with whole_file(path) as temporary:
-            temporary.write_text(self.text, encoding="utf-8")
+        write_text(path, self.text)
         return path
 
 

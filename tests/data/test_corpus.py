@@ -117,7 +117,7 @@ def test_statistics_are_of_what_training_sees(tmp_path):
 def test_vocabulary_is_ordered_by_counts(path):
     running = ["b", "c", "a", "c"]
     edit(path, lambda data: data.update(words={word: running.count(word) for word in running}))
-    assert Corpus.open(path).vocabulary() == Vocabulary.from_words(running) == Vocabulary(("c", "a", "b"))
+    assert Corpus.open(path).vocabulary() == Vocabulary(("c", "a", "b"))
 
 
 def test_damaged_shard(path):

@@ -182,7 +182,6 @@ def test_silent_clips_are_counted_and_not_scored(skeleton, perform):
     assert results["counts"][TRUTH]["num_used"] == 6
     heard = [np.sum(clip.onsets >= 4 / clip.fps) for clip in quiet[3:]]
     assert results["counts"][TRUTH]["onsets_per_second"] == pytest.approx(sum(heard) / (6 * 116 / 15))
-    assert results["counts"][TRUTH]["pooled_f"] == pytest.approx(value(results, TRUTH, "beat_f"), abs=0.05)
     assert value(results, TRUTH, "beats_per_second_in_silence") > 0
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from ha2g_jax.features.text import UNKNOWN, Vocabulary, Word, words_to_frames
 
-VOCABULARY = Vocabulary.from_words(["two", "one", "Two", "three"])
+VOCABULARY = Vocabulary.from_counts({"one": 1, "two": 2, "three": 1})
 
 
 def test_vocabulary_is_most_frequent_first_and_ignores_case():

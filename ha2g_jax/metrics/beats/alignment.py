@@ -36,7 +36,7 @@ class Alignment(NamedTuple):
         recall: mean over onsets of the kernel to the nearest motion beat, R.
         precision: mean over motion beats of the kernel to the nearest onset, Q.
         f: 2 R Q / (R + Q).
-        onset_sum, beat_sum: sums of kernels that R and Q are the means of.
+        onset_sum: sum of the kernels that R is the mean of.
         num_onsets, num_beats: numbers of onsets and of motion beats.
         seconds: length of what is scored.
     """
@@ -45,7 +45,6 @@ class Alignment(NamedTuple):
     precision: np.ndarray
     f: np.ndarray
     onset_sum: np.ndarray
-    beat_sum: np.ndarray
     num_onsets: np.ndarray
     num_beats: np.ndarray
     seconds: np.ndarray
@@ -84,7 +83,7 @@ def score(moves: Times, sounds: Times, seconds: np.ndarray, sigma: float) -> Ali
     recall = np.where(has_sound, onset_sum / np.maximum(sounds.counts, 1), np.nan)
     precision = np.where(has_sound, beat_sum / np.maximum(moves.counts, 1), np.nan)
     f = harmonic_mean(recall, precision)
-    return Alignment(recall, precision, f, onset_sum, beat_sum, sounds.counts, moves.counts, seconds)
+    return Alignment(recall, precision, f, onset_sum, sounds.counts, moves.counts, seconds)
 
 
 def inside(clips: Sequence[Clip], name: str) -> Times:

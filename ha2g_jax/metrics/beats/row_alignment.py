@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ha2g_jax.metrics.beats import rests
-from ha2g_jax.metrics.beats.alignment import Alignment, align, harmonic_mean, mismatched
+from ha2g_jax.metrics.beats.alignment import Alignment, align, mismatched
 from ha2g_jax.metrics.beats.stops import angle_change_rates, consistency, make_clips, mean_angle_change
 from ha2g_jax.metrics.metric import BEATS, Metric, Statistic
 from ha2g_jax.metrics.row import Reference, Row, mean_by_recording, mean_over_clips, ratio_of_sums
@@ -51,23 +51,17 @@ def row_alignment(row: Row) -> RowAlignment | None:
 
 
 def clip_counts(row: Row) -> dict[str, float]:
-    """Return the numbers of scored, silent and still clips of a row, its onsets per second, and the F of all onsets and
-    beats, each one vote; empty without sound.
-    """
+    """Return the numbers of scored, silent and still clips of a row, and its onsets per second; empty without sound."""
     found = row.once(row_alignment)
     if found is None:
         return {}
-    used, silent = (found.own.take(np.equal(found.own.is_silent, is_silent)) for is_silent in (False, True))
-    num_onsets, num_beats, seconds = used.num_onsets.sum(), used.num_beats.sum(), used.seconds.sum()
-    recall = used.onset_sum.sum() / num_onsets if num_onsets else np.nan
-    precision = used.beat_sum.sum() / num_beats if num_beats else 0 * recall
+    used = found.own.take(~found.own.is_silent)
+    seconds = used.seconds.sum()
     return {
         "num_used": len(used.f),
-        "num_silent": len(silent.f),
+        "num_silent": int(found.own.is_silent.sum()),
         "num_still": int(np.sum(used.num_beats == 0)),
-        "num_silent_still": int(np.sum(silent.num_beats == 0)),
-        "onsets_per_second": float(num_onsets / seconds) if seconds else np.nan,
-        "pooled_f": float(harmonic_mean(recall, precision)),
+        "onsets_per_second": float(used.num_onsets.sum() / seconds) if seconds else np.nan,
     }
 
 
