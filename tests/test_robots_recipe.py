@@ -2,6 +2,7 @@
 
 import concurrent.futures
 import contextlib
+import dataclasses
 import json
 import pathlib
 import socket
@@ -18,6 +19,7 @@ from ha2g_jax.apps.live.sources import open_source
 from ha2g_jax.motion import rotations, solver
 from ha2g_jax.motion.armature import world
 from ha2g_jax.motion.formats import export
+from ha2g_jax.motion.lower_body import LowerBody
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import load_skeleton
 
@@ -133,3 +135,19 @@ def test_a_robot_follows_a_conversation(recipe, debug_model):
     assert (steps <= fastest + 1e-6).all()
     assert np.ptp(angles, axis=0).max() > 0.5  # a hand is raised to think
     assert steps[-5:].max() < 0.3 < steps.max()  # still after the interruption
+
+
+def test_a_person_who_turns_has_the_angles_of_one_who_does_not(recipe, tmp_path):
+    """In a file with a pelvis the chest is no longer the root."""
+    directions = np.repeat(SKELETON.mean_directions[None], 20, axis=0)
+    motion, found = Motion.from_directions(SKELETON, directions, 15), []
+    turns = Rotation.from_rotvec(np.linspace(-1, 1, 20)[:, None] * [0, 1, 0]).as_quat()
+    offsets = np.zeros((10, 3))
+    offsets[1:] = np.array([0, -0.2, 0]) + np.random.default_rng(0).normal(0, 0.05, (9, 3))
+    lower = LowerBody(offsets, np.repeat(turns[:, None], 9, axis=1), np.zeros((20, 3)))
+    for each in (motion, dataclasses.replace(motion, lower=lower)):
+        export(each, tmp_path / "m.json")
+        file = json.loads((tmp_path / "m.json").read_text())
+        found.append(recipe["pepper_angles"](file["joints"], file["frames"]))
+    for name in found[0]:
+        np.testing.assert_allclose(found[0][name], found[1][name], atol=1e-3, err_msg=name)

@@ -210,6 +210,8 @@ def load(checkpoint: str | pathlib.Path, backend: str | None = None) -> Generato
     Raises:
         UserError: there is no model, it is damaged, or the backend cannot use it.
     """
+    if backend not in (None, *BACKENDS):
+        raise UserError(f"no backend {backend!r}; expected {' or '.join(BACKENDS)}")
     is_file = pathlib.Path(checkpoint).suffix.lower() == ONNX and not pathlib.Path(checkpoint).is_dir()
     if backend == "jax" and is_file:
         raise UserError(f"{shown(checkpoint)} is for the backend onnx; give the model that it was exported from")

@@ -124,6 +124,8 @@ def generated(
         UserError: the model does not fit the corpus, there is no such split, it has no clip, or the model cannot follow
             a stream.
     """
+    from ha2g_jax.synthesis.style import later_seed
+
     check_fit(model, corpus)
     seed_frames, stride = model.spec.num_seed_frames, model.spec.window_stride
 
@@ -132,7 +134,7 @@ def generated(
         style = clip_identity(model, clip)
         start = _directions(corpus, clip.positions[:seed_frames])
         start = np.pad(start, ((0, seed_frames - len(start)), (0, 0), (0, 0)), "edge")
-        directions = generate_clip(model, clip, style, seed + index, start=start, look_ahead=look_ahead)
+        directions = generate_clip(model, clip, style, later_seed(seed, index), start=start, look_ahead=look_ahead)
         borders = range(stride + seed_frames, len(directions) - seed_frames, stride) if look_ahead is None else ()
         return ClipResult(clip.id, clip.recording or clip.id, directions, corpus.fps, borders=tuple(borders))
 

@@ -41,7 +41,7 @@ from ha2g_jax.files.reading import shown
 from ha2g_jax.files.writing import write_text
 from ha2g_jax.motion.formats.video import write_video
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.motion.readers import Reading, check_reading, read_motion
+from ha2g_jax.motion.readers import Reading, at_rate, check_reading, read_motion
 from ha2g_jax.progress import counted, track
 from ha2g_jax.skeleton import (
     Skeleton,
@@ -119,7 +119,7 @@ def _read_recording(recording: str | os.PathLike, corpus: Corpus, reading: Readi
     """Read recorded motion (T, joints, 3) with the bone lengths of a corpus, so that speeds are comparable."""
     check_reading([pathlib.Path(recording)], **reading)
     motion = read_motion(recording, skeleton=corpus.skeleton.name, fps=corpus.fps, **reading)
-    positions = motion.positions
+    positions = at_rate(motion, corpus.fps).positions  # a motion of our own kept its rate
     if len(positions) < _MIN_FRAMES:
         raise UserError(f"{shown(recording)} has {len(positions)} frames; give a longer recording")
     return directions_to_positions(corpus.skeleton, positions_to_directions(corpus.skeleton, positions))

@@ -15,7 +15,7 @@ from ha2g_jax.evaluation.rows import Rows, make_rows
 from ha2g_jax.metrics import reconstruction
 from ha2g_jax.metrics.beats import rests, row_alignment, stops, times
 from ha2g_jax.metrics.frechet import SAMPLES_PER_DIMENSION
-from ha2g_jax.metrics.legacy import legacy_notes
+from ha2g_jax.metrics.legacy import check_rate, legacy_notes
 from ha2g_jax.metrics.metric import Score, Section, Statistic
 from ha2g_jax.metrics.row import FGD_SEEDED_CUT, SEED_FRAMES, Row, cut_windows, reference_cut, row_latents
 from ha2g_jax.metrics.sanity import HALF, SANITY_ROWS, TRUTH
@@ -102,11 +102,14 @@ def evaluate(
         "flags", "warnings" and "notes"; "legacy_v1" on demand.
 
     Raises:
-        UserError: no method, no clip that all have, or an auto-encoder of another skeleton or frame rate.
+        UserError: no method, no clip that all have, an auto-encoder of another skeleton or frame rate, or legacy scores
+            of motion that is not at 15 frames per second.
     """
     if not rows or not reference:
         raise UserError("nothing to evaluate; give the motion of at least one method and of the reference")
     _check_autoencoder(autoencoder, skeleton, reference[0].fps)
+    if legacy:
+        check_rate(reference[0].fps)
     made = make_rows(rows, reference, skeleton, training=training, autoencoder=autoencoder, seed=seed)
     intervals = Intervals(made.reference.num_recordings, draws, seed)
     found, scores = _measure_rows(made, intervals, has_legacy=legacy)

@@ -19,6 +19,7 @@ from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.files.reading import resolved, shown
 from ha2g_jax.metrics.beats import strokes
 from ha2g_jax.metrics.hands import upper_body
+from ha2g_jax.metrics.legacy import check_rate
 from ha2g_jax.metrics.row import SEED_FRAMES
 from ha2g_jax.motion.readers import Reading, check_reading, read_motion
 from ha2g_jax.motion.readers.recordings import compare_lengths
@@ -128,6 +129,8 @@ def evaluate_checkpoint(
     with stage("loading the model"):
         features, model = _features(autoencoder), synthesis.load(checkpoint)
     corpus = Corpus.open(build.talk_path(str(data)))
+    if legacy:
+        check_rate(corpus.fps)  # before motion is generated
     limits = split_limits(corpus, _choose_splits(corpus) if splits is None else splits)
     if limit is not None:
         limits = {name: limit if most is None else min(limit, most) for name, most in limits.items()}

@@ -35,6 +35,7 @@ from ha2g_jax.metrics.uncertainty import Estimate, jackknife
 from ha2g_jax.progress import progress_bar
 from ha2g_jax.skeleton import Skeleton, positions_to_directions
 from ha2g_jax.synthesis import Model, encode_features
+from ha2g_jax.synthesis.style import later_seed
 
 WORDLESS, MISMATCHED, MAJORITY, SHUFFLED = "model, no words", "mismatched speech", "majority", "shuffled"
 CLAIMED = ("beat_f1_gain", "finger_correlation")  # metrics of claims, which are measured without each speaker, too
@@ -175,7 +176,7 @@ def _score_split(
     def generate(index: int, *, has_words: bool = True) -> np.ndarray:
         clip = clips[index]
         style = clip_identity(model, clip)
-        return generate_clip(model, clip, style, seed + index, has_words=has_words, look_ahead=look_ahead)
+        return generate_clip(model, clip, style, later_seed(seed, index), has_words=has_words, look_ahead=look_ahead)
 
     motions = (stream.directions for stream in streams) if streams else in_threads(generate, range(len(clips)))
     for index, directions in enumerate(motions):

@@ -14,6 +14,7 @@ from ha2g_jax.metrics.beats.strokes import wrist_positions
 from ha2g_jax.metrics.takes import TakeDistances, take_distances
 from ha2g_jax.skeleton import Skeleton, positions_to_directions
 from ha2g_jax.synthesis import Model
+from ha2g_jax.synthesis.style import later_seed
 
 MODEL, TEACHER, ONE_TAKE, STILL = "model", "teacher", "teacher, one take", "mean pose"
 MAX_CLIPS = 8  # of a split
@@ -36,7 +37,7 @@ def compare_takes(
         style = clip_identity(model, clip)
         taught = [teach(skeleton, clip, [seed, index, take], model.fps) for take in range(TEACHER_TAKES)]
         generate = functools.partial(generate_clip, model, clip, style, look_ahead=look_ahead)
-        made = list(in_threads(generate, range(seed, seed + MODEL_TAKES)))
+        made = list(in_threads(generate, [later_seed(seed, take) for take in range(MODEL_TAKES)]))
         scored = slice(model.spec.num_seed_frames, min(map(len, (*taught, *made))))
         true, own = (np.stack([wrist_positions(skeleton, take[scored]) for take in takes]) for takes in (taught, made))
         still = np.broadcast_to(wrist_positions(skeleton, skeleton.mean_directions[None]), own[:1].shape)

@@ -5,7 +5,7 @@ import functools
 import logging
 import pathlib
 from collections.abc import Callable, Generator, Iterator
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import av
 import numpy as np
@@ -24,6 +24,7 @@ from ha2g_jax.limits import (
     MAX_VIDEO_PIXELS,
     MIN_SOUND_RATE,
 )
+from ha2g_jax.progress import counted
 
 SAMPLE_RATE = 16000
 MIN_SECONDS = 0.2
@@ -67,6 +68,9 @@ _PADDING = SAMPLE_RATE // 10  # samples by which the ends are continued before s
 _PAIRWISE = 8  # channels from which NumPy adds in another order
 
 
+_T = TypeVar("_T")
+
+
 class _Block(NamedTuple):
     samples: np.ndarray  # (samples, channels) float32
     rate: int  # samples per second
@@ -89,6 +93,24 @@ def read_audio(path: str | pathlib.Path, max_seconds: float = MAX_SOUND_SECONDS)
         UserError: the file does not exist, has no audio, only NaN, is shorter than 0.2 s or longer than `max_seconds`,
             or is beyond another limit of sound in docs/limits.md.
     """
+    return _decoded(path, lambda decode: _mono(decode, shown(path), max_seconds))
+
+
+def read_voices(path: str | pathlib.Path) -> tuple[np.ndarray, np.ndarray]:
+    """Read the two channels of a file, each as `read_audio` reads a file.
+
+    Raises:
+        UserError: the file has another number of channels, or cannot be used, see `read_audio`.
+    """
+
+    def read(decode: Callable[[], Iterator[_Block]]) -> tuple[np.ndarray, np.ndarray]:
+        return _channel(decode, path, 0), _channel(decode, path, 1)
+
+    return _decoded(path, read)
+
+
+def _decoded(path: str | pathlib.Path, read: Callable[[Callable[[], Iterator[_Block]]], _T]) -> _T:
+    """Return what a function reads of the sound of a file, which libsndfile decodes, or else FFmpeg."""
     path = pathlib.Path(path)
     with reading(path, "an audio file"):
         size = path.stat().st_size if path.is_file() else None
@@ -99,24 +121,21 @@ def read_audio(path: str | pathlib.Path, max_seconds: float = MAX_SOUND_SECONDS)
     # Sums of samples that are damaged may be infinite.
     with reading(path, "a recording of speech"), np.errstate(over="ignore", invalid="ignore"):
         try:
-            return _mono(functools.partial(_libsndfile_blocks, path), shown(path), max_seconds)
+            return read(functools.partial(_libsndfile_blocks, path))
         except _SOUNDFILE_ERRORS:
-            return _mono(functools.partial(_ffmpeg_blocks, path), shown(path), max_seconds)
+            return read(functools.partial(_ffmpeg_blocks, path))
 
 
-def read_voices(path: str | pathlib.Path) -> tuple[np.ndarray, np.ndarray]:
-    """Read the two channels of a file that libsndfile reads, each as `read_audio` reads a file.
+def _channel(decode: Callable[[], Iterator[_Block]], path: str | pathlib.Path, channel: int) -> np.ndarray:
+    """Return the samples of one of two channels, with a peak of at most 1."""
 
-    Raises:
-        UserError: the file has another number of channels, or cannot be used, see `read_audio`.
-    """
-    with reading(path, "a sound file", soundfile.SoundFileError):
-        count = soundfile.info(path).channels
-        if count != 2:
-            raise UserError(f"{shown(path)} has {count} channel{'s' * (count > 1)}; expected 2, one for each voice")
-        blocks = functools.partial(_libsndfile_blocks, pathlib.Path(path))
-        left, right = (_collect(blocks(), shown(path), MAX_SOUND_SECONDS, channel)[0] for channel in (0, 1))
-    return left, right
+    def blocks() -> Iterator[_Block]:
+        for block in decode():
+            if (count := block.samples.shape[1]) != 2:
+                raise UserError(f"{shown(path)} has {counted(count, 'channel')}; expected 2, one for each voice")
+            yield block
+
+    return _limited(_collect(blocks(), shown(path), MAX_SOUND_SECONDS, channel)[0])
 
 
 def convert_samples(samples: np.ndarray, rate: int) -> np.ndarray:
@@ -157,6 +176,11 @@ def _mono(decode: Callable[[], Iterator[_Block]], name: str, max_seconds: float)
         samples, _, _ = _collect(decode(), name, max_seconds, channel)
     if np.ptp(samples) < _INAUDIBLE:
         _logger.warning("%s is silent", name)
+    return _limited(samples)
+
+
+def _limited(samples: np.ndarray) -> np.ndarray:
+    """Return samples whose peak is at most 1."""
     peak = max(samples.max(), -samples.min())
     return samples / peak if peak > 1 else samples
 

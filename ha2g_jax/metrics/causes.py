@@ -45,7 +45,7 @@ class CauseRow(NamedTuple):
     def take(self, kept: np.ndarray) -> "CauseRow":
         """Return what is found in the motions of a mask (n,), but for `takes`, which stays whole."""
         words = np.isin(self.word_clips, self.clips[kept])
-        masks = dict.fromkeys(("shapes", "flexions", "word_clips"), words)
+        masks: dict[str, np.ndarray] = dict.fromkeys(("shapes", "flexions", "word_clips"), words)
         masks["mismatched"] = np.repeat(kept, len(self.mismatched) // max(len(kept), 1))
         parts = {name: part for name, part in self._asdict().items() if len(part) and name != "takes"}
         return self._replace(**{name: part[masks.get(name, kept)] for name, part in parts.items()})

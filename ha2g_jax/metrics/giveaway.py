@@ -307,7 +307,7 @@ def _told_from_truth(group: str) -> Callable[[Row], Score]:
         if row.directions is truth.directions:  # the person, or the person with other speech
             return None
         windows = truth.once(_row_windows), row.once(_row_windows)
-        if num_recordings < 2:
+        if not _has_many(windows[0]):  # then the areas are those of blocks of time
             return told_apart(*windows, group)
         areas = held_out_areas(*windows, group)
         if areas is None:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import window_samples
 from ha2g_jax.metrics import sanity
 from ha2g_jax.metrics.beats.stops import angle_change_rates, low_samples
@@ -33,6 +34,12 @@ BATCH = 32  # windows of a batch, as in the evaluation of the release
 
 _CUT = Cut("legacy", 0, NUM_FRAMES)
 _WINDOW_SAMPLES = window_samples(NUM_FRAMES, FPS)
+
+
+def check_rate(fps: float) -> None:
+    """Raise a `UserError` if motion has another frame rate than that of the release."""
+    if fps != FPS:
+        raise UserError(f"the legacy scores are those of {FPS} frames per second, not of {fps:g}; leave them out")
 
 
 class LegacyErrors(NamedTuple):

@@ -74,12 +74,13 @@ class Motion:
         directions = normalize(np.asarray(directions, np.float32))
         left, right = (skeleton.mean_pose[skeleton.joint(f"{side}_shoulder"), 0] for side in ("left", "right"))
         axes = {"units": "metres", "x": f"the person's {'left' if left > right else 'right'}", "y": "down"}
+        plain = json.loads(json.dumps(meta or {}, default=np.generic.item))  # numbers of NumPy, too
         return cls(
             directions=directions,
             positions=directions_to_positions(skeleton, directions),
             fps=float(fps),
             joint_names=skeleton.joints,
-            meta={"skeleton": skeleton.name, "axes": axes, **(meta or {})},
+            meta={"skeleton": skeleton.name, "axes": axes, **plain},
         )
 
     @classmethod

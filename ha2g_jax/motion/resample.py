@@ -17,9 +17,8 @@ def num_frames(duration: float, fps: float) -> int:
 
 
 def moments_at(frames: int, fps: float, new_fps: float) -> np.ndarray:
-    """Return the moments (T,) in frames at which a motion is sampled at another rate, up to its last frame."""
-    last = frames - 1
-    return np.minimum(np.arange(int(last * new_fps / fps + 1e-6) + 1) * (fps / new_fps), last)
+    """Return the moments (T,) in frames at which a motion is sampled at another rate; the last frame is held."""
+    return np.minimum(np.arange(num_frames(frames / fps, new_fps)) * (fps / new_fps), frames - 1)
 
 
 def slerp(first: np.ndarray, second: np.ndarray, fraction: np.ndarray) -> np.ndarray:

@@ -14,6 +14,7 @@ are returned, not to those that the generator continues; so it does not change t
 
 import collections
 import math
+import numbers
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -114,6 +115,7 @@ class Stream:
         has_hidden_ends: bool = False,
     ):
         _check(spec, look_ahead, hop, reference)
+        look_ahead, hop = int(look_ahead), int(hop)
         prepare()
         self.spec, self.look_ahead, self.hop, self.muted = spec, look_ahead, hop, False
         self._seed, self.controls = seed, controls
@@ -460,10 +462,10 @@ def _check(spec: Spec, look_ahead: Any, hop: Any, reference: float | None) -> No
             "speech2gesture, or of ha2g with config.model.audio.kind=resnet_se and architecture=paper"
         )
     window, overlap = spec.num_frames, spec.num_seed_frames
-    if not (isinstance(look_ahead, int) and 0 <= look_ahead <= window):
+    if not (isinstance(look_ahead, numbers.Integral) and 0 <= int(look_ahead) <= window):
         raise UserError(f"the look-ahead is {look_ahead}; expected 0 to {window} frames, the window of the model")
     longest = window - 2 * overlap
-    if not (isinstance(hop, int) and 1 <= hop <= longest):
+    if not (isinstance(hop, numbers.Integral) and 1 <= int(hop) <= longest):
         raise UserError(f"the hop is {hop}; expected 1 to {longest} frames")
     if reference is not None and not 0 <= reference < np.inf:
         raise UserError(f"the mel power of 0 dB is {reference}; expected a number of at least 0")

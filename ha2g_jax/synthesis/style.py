@@ -1,6 +1,7 @@
 """Styles to generate motion in: that of a speaker, of a mixture of speakers, of images, or a random one."""
 
 import math
+import numbers
 import pathlib
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -58,11 +59,18 @@ RANDOM = Style()
 
 
 def check_seed(seed: int) -> None:
-    """Raise a `UserError` if a seed is negative or above `MAX_SEED`."""
+    """Raise a `UserError` if a seed is not a whole number, negative or above `MAX_SEED`."""
+    if not isinstance(seed, numbers.Integral):
+        raise UserError(f"the seed is {seed!r}; give a whole number")
     if seed < 0:
         raise UserError(f"seed {seed} is negative; give 0 or more")
     if seed > MAX_SEED:
         raise UserError(f"a seed is above {MAX_SEED}; give a smaller one")
+
+
+def later_seed(seed: int, count: int) -> int:
+    """Return the seed that comes after another by a number; after `MAX_SEED` comes 0."""
+    return (seed + count) % (MAX_SEED + 1)
 
 
 def choose_style(

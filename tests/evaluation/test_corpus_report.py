@@ -16,6 +16,8 @@ from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.records import encode_clip
 from ha2g_jax.evaluation import corpus_report as report
 from ha2g_jax.features.text import Word
+from ha2g_jax.motion.formats import export
+from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import load_skeleton
 
 EVIL = "<script>alert('&')</script>"
@@ -134,6 +136,16 @@ def test_wrists_of_a_known_swing():
     assert found["speed, m/s, mean"] == pytest.approx(0.2, rel=0.02)
     assert found["strokes per minute and hand"] == pytest.approx(60, abs=3)
     assert found["fraction of time still"] == pytest.approx(2 * np.arcsin(1 / np.pi) / np.pi, abs=0.05)
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".bvh"])
+def test_a_recording_of_another_rate_is_as_fast_as_it_was(tiny_talk, suffix, tmp_path):
+    times = np.arange(600)[:, None] / 60
+    directions = np.repeat(_SKELETON.mean_directions[None], 600, axis=0)
+    directions[:, _SKELETON.bone("left_wrist")] += np.sin(2 * np.pi * 0.5 * times) * [0.0, 0.5, 0.0]
+    export(Motion.from_directions(_SKELETON, directions, 60), tmp_path / f"m{suffix}")
+    places = report._read_recording(tmp_path / f"m{suffix}", Corpus.open(tiny_talk), {})
+    assert report.wrist_motion(_SKELETON, [places], 15)["strokes per minute and hand"] == pytest.approx(30, abs=4)
 
 
 def test_talk_has_its_causes_and_a_recording_stands_beside_it(tiny_talk, private_data, tmp_path):

@@ -259,3 +259,19 @@ def test_mismatched_speech_is_another_sources(skeleton, perform, reference):
         others = [other for other, own in enumerate(rows.truth.onsets) if own is onsets]
         assert others and rows.reference.recordings[others[0]] != rows.reference.recordings[number]
         assert rows.rows[MISMATCHED].directions[number] is rows.truth.directions[number]
+
+
+def test_where_one_recording_alone_has_windows_they_are_told_apart_by_blocks_of_its_time(skeleton, perform):
+    """Those of 5 s; its blocks are not taken for recordings, of which others have no such window."""
+    first, *others = (perform(4, 450, delay=delay) for delay in (0.0, 0.25))
+    rows = [
+        [
+            dataclasses.replace(clip, directions=clip.directions[: 60 if index != 2 else None])
+            for index, clip in enumerate(clips)
+        ]
+        for clips in (first, *others)
+    ]
+    alone = evaluate({"late": rows[1][2:3]}, rows[0][2:3], skeleton, draws=2)
+    found = evaluate({"late": rows[1]}, rows[0], skeleton, draws=2)
+    told = {name: score for name, score in found["rows"]["late"].items() if name.startswith("told_by")}
+    assert told and told == {name: alone["rows"]["late"][name] for name in told}

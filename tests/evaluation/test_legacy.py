@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.clip_result import ClipResult
 from ha2g_jax.evaluation.evaluate import evaluate
 from ha2g_jax.metrics.legacy import legacy_distance, legacy_errors
@@ -55,3 +56,10 @@ def test_old_rules_pass_over_still_motion_and_favour_jitter(legacy):
     rows = legacy["legacy_v1"]["rows"]
     assert rows[MEAN_POSE]["legacy_bc_fixed"]["value"] is None
     assert rows[JITTER]["legacy_bc_fixed"]["value"] > rows["late"]["legacy_bc_fixed"]["value"]
+
+
+def test_another_frame_rate_is_refused(skeleton, perform):
+    """The old rules count frames of 15 per second."""
+    clips = [dataclasses.replace(clip, fps=30.0) for clip in perform(2)]
+    with pytest.raises(UserError, match="15 frames per second, not of 30"):
+        evaluate({"late": clips}, clips, skeleton, legacy=True)

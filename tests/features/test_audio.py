@@ -47,6 +47,7 @@ def test_reads_what_only_ffmpeg_reads(tmp_path):
     samples = audio.read_audio(path)
     assert len(samples) / 16000 == pytest.approx(1.5, abs=0.05)
     assert np.abs(samples).max() == pytest.approx(0.3, abs=0.05)
+    np.testing.assert_allclose(np.mean(audio.read_voices(path), axis=0), samples, atol=1e-6)
 
 
 @pytest.mark.parametrize("form", [np.asarray, np.transpose])

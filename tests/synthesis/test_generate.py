@@ -5,6 +5,7 @@ import importlib.resources
 import itertools
 import pathlib
 import types
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -25,6 +26,8 @@ from ha2g_jax.methods.ha2g import method as ha2g
 from ha2g_jax.methods.method import restore, subtract_mean
 from ha2g_jax.metrics.seams import WIDTH, seam_score
 from ha2g_jax.motion import rigs
+from ha2g_jax.motion.control import Controls
+from ha2g_jax.motion.cues import Cue
 from ha2g_jax.motion.resample import resample
 from ha2g_jax.synthesis import Style, scan
 
@@ -302,3 +305,24 @@ def test_the_demo_does_not_move_by_what_nobody_hears(demo, constant, frequency, 
     style = Style(speaker="speaker-00")
     first, second = (demo.generate(samples, style=style).positions for samples in (speech, speech + added))
     assert np.linalg.norm(second - first, axis=-1).max() < 0.001
+
+
+def test_numbers_of_numpy_are_numbers(debug_model, tmp_path):
+    """As of a loop over np.arange, or of weights that another model gave."""
+    plain: Any = {
+        "seed": 3,
+        "smoothing": 0.25,
+        "controls": Controls(energy=0.5, mirror=True),
+        "cues": [Cue("nod", 0.5)],
+    }
+    half, one, yes = cast(Any, (np.float32(0.5), np.float32(1), np.bool_(True)))
+    other: Any = {"seed": np.int64(3), "smoothing": np.float32(0.25), "cues": [Cue("nod", half)]}
+    other["controls"] = Controls(energy=half, mirror=yes)
+    for name, arguments, weight in (("a", plain, 1.0), ("b", other, one)):
+        debug_model.generate(speech(1), style=Style(mixture={"ada": weight}), **arguments).save(
+            tmp_path / f"{name}.npz"
+        )
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
+    assert debug_model.stream(look_ahead=np.int64(4), hop=np.int64(2)).latency == pytest.approx(6 / 15, abs=0.2)
+    with pytest.raises(UserError, match=r"the seed is 1\.5"):
+        debug_model.generate(speech(1), seed=1.5)

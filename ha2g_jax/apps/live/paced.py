@@ -17,6 +17,9 @@ from ha2g_jax.limits import MAX_SOUND_RATE, MIN_SOUND_RATE
 from ha2g_jax.motion.cues import Cue
 from ha2g_jax.synthesis.stream import Stream
 
+CHANGES = ("state", "muted", "controls", "style")
+"""Attributes of a stream that `PacedStream.change` assigns."""
+
 _WAITING = SAMPLE_RATE // 5  # samples of the other that may wait, as after a stall of the network
 
 
@@ -65,7 +68,13 @@ class PacedStream:
         self._other.put(pcm, rate)
 
     def change(self, **attributes: Any) -> None:
-        """Assign attributes of the stream, such as `state`, `controls` or `style`, before the next frame."""
+        """Assign attributes of the stream, of `CHANGES`, before the next frame.
+
+        Raises:
+            UserError: there is no such attribute.
+        """
+        if unknown := attributes.keys() - {*CHANGES}:
+            raise UserError(f"a stream has no {sorted(unknown)[0]}; expected {', '.join(CHANGES)}")
         self._changes += [partial(setattr, self._stream, name, value) for name, value in attributes.items()]
 
     def cue(self, cue: Cue | str, at: float | None = None) -> None:

@@ -33,7 +33,7 @@ from ha2g_jax.motion.states import STATES
 
 CHUNK_SECONDS = 0.02
 _QUEUE = 50  # pieces: a second of the microphone
-_AHEAD_SECONDS = 120  # of sound that is sent ahead and waits
+_AHEAD_SECONDS = 600  # of sound that is sent ahead and waits
 _LONGEST_PIECE = 0.1  # seconds of it that are heard at once
 _PIECE = 4096  # bytes of a pipe
 _PATIENCE = 0.06  # seconds after the end of the sound until silence is heard; less than a frame

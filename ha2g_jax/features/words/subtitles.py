@@ -17,6 +17,7 @@ _INLINE_TIME = re.compile(r"<((?:[0-9]{1,4}:)?[0-9]{1,2}:[0-9]{1,2}\.[0-9]{1,3})
 _TIME = r"((?:[0-9]{1,4}:)?[0-9]{1,2}:[0-9]{1,2}(?:[.,][0-9]{1,9})?)"
 _TIMES = re.compile(rf"{_TIME}[ \t]*-->[ \t]*{_TIME}(?![0-9:.,])")
 _UNDERLINED = re.compile(r"<u>([^<\n]{0,200})</u>")
+_PAUSE = 0.5  # seconds after which a line is said again and not shown again
 _logger = logging.getLogger(__name__)
 
 
@@ -54,7 +55,8 @@ def parse_subtitles(text: str, path: pathlib.Path) -> list[Tier]:
     underlined = [_UNDERLINED.findall(cue.text) for cue in cues]
     # Whisper's --highlight_words shows the whole line once for each word, with that word underlined.
     repeated = sum(
-        bool(words) and text in texts[i + 1 : i + 3] for i, (text, words) in enumerate(zip(texts, underlined))
+        bool(words) and text in (*texts[max(i - 2, 0) : i], *texts[i + 1 : i + 3])
+        for i, (text, words) in enumerate(zip(texts, underlined))
     )
     if 2 * repeated > sum(map(bool, underlined)):
         cues = [cue._replace(text=" ".join(words)) for cue, words in zip(cues, underlined, strict=True)]
@@ -64,20 +66,22 @@ def parse_subtitles(text: str, path: pathlib.Path) -> list[Tier]:
 def _timed_words(cues: Sequence[Stretch]) -> list[Stretch]:
     """Return the words of cues such as `so<00:00:00.320><c> today</c>`.
 
-    YouTube shows every line twice, first while it is spoken and then above the next one, so the last lines of the
-    previous cue are not read again. Only starts of words are written; a word before a pause does not last until its
-    end.
+    YouTube shows every line twice, first while it is spoken and then, without times, above the next one, so the last
+    lines of a cue that has just ended are not read again. Only starts of words are written; a word before a pause does
+    not last until its end.
     """
     labels = find_labels([to_lines(cue.text) for cue in cues])
     stretches: list[Stretch] = []
     shown: list[str] = []
-    speaker = ""
+    speaker, ended = "", 0.0
     for cue in cues:
         by_line = [(line, _spoken(line, labels)) for line in cue.text.split("\n")]
         lines = [line for line, words in by_line if words]
         plain = [words for _, words in by_line if words]
-        known = next((count for count in range(len(plain), 0, -1) if plain[:count] == shown[-count:]), 0)
-        shown = plain
+        untimed = len([*itertools.takewhile(lambda line: not _INLINE_TIME.search(line), lines)])
+        most = untimed if (cue.start or 0.0) - ended < _PAUSE else 0
+        known = next((count for count in range(most, 0, -1) if plain[:count] == shown[-count:]), 0)
+        shown, ended = plain, cue.end or 0.0
         # [text, time, text, time, text ...]
         parts = _INLINE_TIME.split("\n".join(lines[known:]))
         times = [cue.start, *map(_to_seconds, parts[1::2]), cue.end]

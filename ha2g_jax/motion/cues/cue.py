@@ -1,6 +1,7 @@
 """Cues, which ask for a gesture at a time, on a word or now."""
 
 import math
+import numbers
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
@@ -92,7 +93,7 @@ def check_cue(cue: Cue) -> Cue:
         UserError: there is no such gesture, or the time is not a number of seconds.
     """
     name = check_name(cue.name)
-    is_number = isinstance(cue.time, int | float) and not isinstance(cue.time, bool)
+    is_number = isinstance(cue.time, numbers.Real) and not isinstance(cue.time, bool)
     if cue.time is not None and not (is_number and 0 <= cue.time <= MAX_SECONDS):
         raise UserError(f"the time of the cue {shown(name)} is {cue.time!r}; expected seconds from 0 on")
     return cue._replace(name=name)

@@ -21,18 +21,21 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, TypedDict, Unpack
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.npz import read_npz
 from ha2g_jax.files.reading import check_regular, naming, parse_json, read_bytes, reading, reason, shown
 from ha2g_jax.limits import MAX_MOTION_BYTES, MAX_MOTION_JSON_BYTES
 from ha2g_jax.motion import motion as motions
+from ha2g_jax.motion.armature import export_axes, world
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.readers import array_files, bvh_motion, joint_maps, smplx, smplx_arrays, trees
-from ha2g_jax.motion.readers.body import ARM_RANGE, arm_length, check_arms, check_stated
+from ha2g_jax.motion.readers.body import ARM_RANGE, FACE, add_rest_face, arm_length, check_arms, check_stated
 from ha2g_jax.motion.readers.bvh import Bvh
 from ha2g_jax.motion.readers.smplx_body import template
 from ha2g_jax.motion.resample import num_frames, resample
+from ha2g_jax.motion.solver import animate
 from ha2g_jax.skeleton import SKELETONS, hand_joints, load_skeleton
 
 __all__ = ["SUFFIXES", "Reading", "borders_of", "check_reading", "read_motion"]
@@ -226,17 +229,32 @@ def _reader_of(content: Content) -> Callable[[Content, _Options], Motion]:
     return _read_positions
 
 
-def _check_skeleton(path: pathlib.Path, found: str, options: _Options) -> None:
-    if options.skeleton not in (None, found):
+def _in_skeleton(motion: Motion, path: pathlib.Path, options: _Options) -> Motion:
+    """Return a motion in the skeleton that is asked for, without its fingers where that has none."""
+    found = motion.meta["skeleton"]
+    if options.skeleton in (None, found):
+        return motion
+    skeleton = load_skeleton(options.skeleton)
+    if skeleton.name == SKELETONS[0]:
         raise UserError(
-            f"{shown(path)} has the skeleton {found}, not {options.skeleton} as the others; give motion of one "
+            f"{shown(path)} has the skeleton {found}, not {skeleton.name} as the others; give motion of one "
             "skeleton at a time"
         )
+    with naming(path):
+        animation = animate(dataclasses.replace(motion, lower=None))
+    turned, _ = world(animation)
+    body = [joint for joint in skeleton.joints if joint not in FACE]
+    positions = np.zeros((motion.num_frames, skeleton.num_joints, 3))
+    positions[:, [*map(skeleton.joint, body)]] = motion.positions[:, [*map(motion.joint_names.index, body)]]
+    positions *= export_axes(load_skeleton(found))
+    head = Rotation.from_quat(turned[:, animation.armature.joint(joint_maps.HEAD)]).as_matrix()
+    positions = add_rest_face(positions, head, skeleton) * export_axes(skeleton)
+    meta = {name: value for name, value in motion.meta.items() if name not in ("skeleton", "axes")}
+    return Motion.from_positions(skeleton, positions, motion.fps, meta, lower=motion.lower, face=motion.face)
 
 
 def _read_own(content: Content, options: _Options) -> Motion:
-    motion = Motion.from_arrays(content.arrays, content.path)
-    _check_skeleton(content.path, motion.meta["skeleton"], options)
+    motion = _in_skeleton(Motion.from_arrays(content.arrays, content.path), content.path, options)
     if "borders" in content.arrays:
         motion = dataclasses.replace(motion, meta=motion.meta | {"borders": content.arrays["borders"]})
         motion.meta["borders"] = list(borders_of(motion, content.path))
@@ -324,16 +342,16 @@ def _from_positions(arrays: array_files.Arrays, path: pathlib.Path, options: _Op
             check_arms(length / options.unit, options.unit)
     elif not ARM_RANGE[0] <= length <= ARM_RANGE[1]:  # not in metres: take the skeleton's bones
         motion = Motion.from_directions(skeleton, motion.directions, arrays.fps, motion.meta)
-    return _at_rate(motion, options.fps)
+    return at_rate(motion, options.fps)
 
 
 def _read_directions(content: Content, options: _Options) -> Motion:
     name, fps = array_files.directions_skeleton(content.array) or SKELETONS[0], options.source_fps or array_files.FPS
-    _check_skeleton(content.path, name, options)
     skeleton = load_skeleton(name)
     directions, is_residual = array_files.read_directions(content.array, skeleton, content.path)
     facts = {"kind": "directions", "fps": fps, "mean_was_subtracted": is_residual}
-    return _at_rate(Motion.from_directions(skeleton, directions, fps, {"read_from": facts}), options.fps)
+    motion = Motion.from_directions(skeleton, directions, fps, {"read_from": facts})
+    return at_rate(_in_skeleton(motion, content.path, options), options.fps)
 
 
 def _read_array(content: Content, options: _Options) -> Motion:
@@ -342,17 +360,18 @@ def _read_array(content: Content, options: _Options) -> Motion:
     for name in SKELETONS:
         joints = load_skeleton(name).joints
         if array.size and array.shape[1:] == (len(joints), 3):
-            _check_skeleton(content.path, name, options)
             arrays = {"positions": array, "fps": np.array(fps), "joint_names": np.array(joints)}
-            return _from_positions(array_files.read_arrays(arrays, content.path), content.path, options)
+            own = options._replace(skeleton=name)
+            motion = _from_positions(array_files.read_arrays(arrays, content.path), content.path, own)
+            return _in_skeleton(motion, content.path, options)
     raise UserError(
         f"{shown(content.path)} holds an array of shape {array.shape}; expected directions (T, 126), (T, 42, 3), "
         "(T, 27) or (T, 9, 3), positions (T, 43, 3) or (T, 10, 3), or joints of SMPL-X (T, 55, 3)"
     )
 
 
-def _at_rate(motion: Motion, fps: float | None) -> Motion:
-    """Resample a motion on the sphere; its bones take the mean lengths of the motion."""
+def at_rate(motion: Motion, fps: float | None) -> Motion:
+    """Resample a motion on the sphere, without legs and face; its bones take the mean lengths of the motion."""
     if fps is None or fps == motion.fps:
         return motion
     count = num_frames(motion.num_frames / motion.fps, fps)

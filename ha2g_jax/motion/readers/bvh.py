@@ -19,6 +19,7 @@ _CHANNELS = {f"{axis}{kind}": f"{axis.upper()}{kind}" for axis in "xyz" for kind
 # Usual rates, whose frame times exporters round.
 USUAL_RATES = (10, 15, 20, 24, 25, 30, 50, 60, 90, 100, 120, 200, 240, *(rate / 1.001 for rate in (24, 30, 60, 120)))
 _MIN_DIGITS = 3  # decimals that a frame time needs to identify a usual rate
+_MAX_DIGITS = 12  # decimals that are compared
 _BLOCK = 1 << 20  # letters that are parsed at once
 _MAX_NUMBER = 1 << 16  # letters of a number
 _MAX_SHOWN = 40  # letters of a word in a message
@@ -203,12 +204,14 @@ class _Reader:
 
 
 def _frame_rate(text: str, frame_time: float) -> float:
-    """Return the frames per second: a usual rate, whole if possible, whose frame time has the digits of the stated."""
+    """Return the frames per second: a usual rate, whole if possible, whose frame time, rounded or cut, is that."""
     mantissa, _, exponent = text.lower().lstrip("+").partition("e")
     digits = len(mantissa.partition(".")[2]) - int(exponent or 0)  # decimals
     if not mantissa.replace(".", "").isdigit() or digits < _MIN_DIGITS:
         return 1 / frame_time
-    alike = [rate for rate in USUAL_RATES if abs(1 / rate - frame_time) < 10.0**-digits]
+    units = 10.0 ** min(digits, _MAX_DIGITS)
+    stated = round(frame_time * units)
+    alike = [rate for rate in USUAL_RATES if stated in (round(units / rate), int(units / rate))]
     return min(alike, key=lambda rate: (rate != int(rate), abs(1 / rate - frame_time)), default=1 / frame_time)
 
 

@@ -125,10 +125,12 @@ def test_a_change_that_cannot_be_used_ends_the_run():
                 raise UserError("no such state")
             super().__setattr__(name, value)
 
-    async def main(stream: Any):
+    async def main(stream: Any, **changes):
         paced = PacedStream(stream, show=stream.feed)
-        paced.change(state="sleep")
+        paced.change(**changes)
         await paced.run()
 
     with pytest.raises(UserError, match="no such state"):
-        asyncio.run(main(Refusing()))
+        asyncio.run(main(Refusing(), state="sleep"))
+    with pytest.raises(UserError, match="a stream has no mute; expected state, muted"):
+        asyncio.run(main(Refusing(), mute=True))

@@ -385,6 +385,9 @@ def test_a_file_of_two_channels_is_the_agent_and_the_other(tmp_path, rate):
     for voice, found in zip(voices, (joined(chunks), joined(chunks, "other")), strict=True):
         expected = voice if rate == 16000 else soxr.resample(voice, rate, 16000)
         np.testing.assert_allclose(found, expected, atol=1e-4)
+    soundfile.write(tmp_path / "loud.wav", 30 * voices.T, rate, subtype="FLOAT")
+    loud = [*open_source(str(tmp_path / "loud.wav"), is_fast=True, channels=2).chunks(Clock(), StopFlag())]
+    assert np.abs(joined(loud)).max() == np.abs(joined(loud, "other")).max() == 1
     soundfile.write(tmp_path / "one.wav", voices[0], rate)
     with pytest.raises(UserError, match=r"one\.wav has 1 channel; expected 2"):
         open_source(str(tmp_path / "one.wav"), channels=2)

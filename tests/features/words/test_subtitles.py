@@ -149,3 +149,22 @@ def test_brackets_are_found_as_the_first_that_closes():
     assert labels.without_brackets("a (b [c) d] e", "[(", "-") == "a - d] e"
     assert labels.without_brackets("(" + "x" * 200 + ")y(" + "x" * 201 + ")", "(", "") == "y(" + "x" * 201 + ")"
     assert labels.without_brackets("<a\n> <b>", "<", "") == "<a\n> "
+
+
+def test_two_highlighted_words_are_each_read_once(tmp_path):
+    """A line of two words is shown twice, as with --max_words_per_line 2."""
+    path = tmp_path / "a.srt"
+    cues = ["<u>so</u> good", "so <u>good</u>", "<u>we</u> go", "we <u>go</u>"]
+    path.write_text("".join(f"{n}\n00:00:0{n},000 --> 00:00:0{n + 1},000\n{cue}\n\n" for n, cue in enumerate(cues, 1)))
+    assert [word.text for word in transcripts.read_words(path)] == ["so", "good", "we", "go"]
+
+
+@pytest.mark.parametrize("cue", ["<00:00:{:02}.100>yes", "no<00:00:{:02}.500><c> no</c>"])
+def test_what_is_said_twice_is_read_twice(cue, tmp_path):
+    """A line with times of its own was spoken; only one without may be that above it."""
+    path = tmp_path / "a.vtt"
+    path.write_text(
+        "WEBVTT\n\n" + "".join(f"00:00:{s:02}.000 --> 00:00:{s + 1:02}.000\n{cue.format(s)}\n\n" for s in (1, 2, 30))
+    )
+    words = [word.text for word in transcripts.read_words(path)]
+    assert len(words) == 3 * (1 + cue.startswith("no")) and set(words) <= {"yes", "no"}

@@ -17,11 +17,13 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation import scoring
 from ha2g_jax.evaluation.evaluate import evaluate
 from ha2g_jax.motion import formats
+from ha2g_jax.motion.armature import export_axes
 from ha2g_jax.motion.lower_body import JOINTS as LOWER
 from ha2g_jax.motion.lower_body import LowerBody
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.motion.readers import read_motion
+from ha2g_jax.motion.readers import at_rate, read_motion
 from ha2g_jax.motion.readers.smplx_body import JOINTS
+from ha2g_jax.skeleton import load_skeleton
 
 KINDS = (
     *("own", "BEAT2", "AMASS SMPL-X", "AMASS SMPL-H", "AMASS parts", "smplx package"),
@@ -257,3 +259,26 @@ def test_names_of_joints_in_another_form_are_read(case, files, tmp_path):
     motion, expected = read_motion(tmp_path / "x.npz"), read_motion(files["named positions npz"])
     np.testing.assert_array_equal(motion.positions, expected.positions)
     assert motion.meta["borders"] == [9, 30]
+
+
+@pytest.mark.parametrize(("frames", "fps", "new"), [(33, 30, 15), (121, 120, 15), (31, 15, 30), (40, 125, 125)])
+def test_every_format_has_the_same_frames_at_another_rate(frames, fps, new, tmp_path):
+    skeleton = load_skeleton("ted_expressive")
+    motion = Motion.from_directions(skeleton, np.repeat(skeleton.mean_directions[None], frames, axis=0), fps)
+    for suffix in (".bvh", ".glb", ".json"):
+        formats.export(motion, tmp_path / f"m{suffix}")
+        found = read_motion(tmp_path / f"m{suffix}", fps=new)
+        assert (found.num_frames, found.fps) == (at_rate(motion, new).num_frames, new)
+
+
+@pytest.mark.parametrize("kind", ["own", "directions"])
+def test_motion_is_read_without_its_fingers_beside_one_that_has_none(kind, files):
+    """The arms stay where they are, and the head shows the same turn in the joints of the other skeleton."""
+    motion, bare = read_motion(files[kind]), read_motion(files[kind], skeleton="ted_gesture")
+    assert bare.meta["skeleton"] == "ted_gesture" and bare.num_frames == motion.num_frames
+    for joint in ("neck", "left_elbow", "right_wrist"):
+        places = [each.positions[:, each.skeleton.joint(joint)] * export_axes(each.skeleton) for each in (motion, bare)]
+        np.testing.assert_allclose(places[0], places[1], atol=1e-4)
+    noses = [each.directions[:, each.skeleton.bone("nose")] * export_axes(each.skeleton) for each in (motion, bare)]
+    turns = [nose - nose.mean(axis=0) for nose in noses]
+    assert np.corrcoef(*(turn[:, 0] for turn in turns))[0, 1] > 0.9
