@@ -38,7 +38,7 @@ from ha2g_jax.motion.resample import num_frames, resample
 from ha2g_jax.motion.solver import animate
 from ha2g_jax.skeleton import SKELETONS, hand_joints, load_skeleton
 
-__all__ = ["SUFFIXES", "Reading", "borders_of", "check_reading", "read_motion"]
+__all__ = ["SUFFIXES", "Reading", "at_rate", "borders_of", "check_reading", "read_motion"]
 
 SUFFIXES = (".npz", ".bvh", ".glb", ".vrma", ".json", ".csv", ".npy")
 """Suffixes by which files of motion are found in a folder."""
