@@ -34,6 +34,7 @@ _PACKAGES += ("ml-collections", "numpy", "scipy", "librosa", "soxr", "soundfile"
 
 _SOURCE = pathlib.Path(__file__).resolve().parent.parent
 _GIT_PATIENCE = 5.0  # seconds
+_CODE = ("--", ".", ":(top)*.py")  # the package, and scripts; a study adds to its kept runs while it runs
 
 
 def write(workdir: pathlib.Path, config: Config, step: int, corpus: Corpus) -> None:
@@ -88,7 +89,8 @@ def wandb_id(workdir: pathlib.Path) -> str:
 
 
 def commit(package: pathlib.Path) -> str | None:
-    """Return the git commit of the source tree of the folder of a package, with "-dirty" appended if files differ.
+    """Return the git commit of the source tree of the folder of a package, with "-dirty" appended if the package or a
+    script beside it differs.
 
     None if the package is installed rather than checked out, even if a repository surrounds it.
     """
@@ -96,7 +98,8 @@ def commit(package: pathlib.Path) -> str | None:
     top = _output([*git, "rev-parse", "--show-toplevel"])
     if top is None or pathlib.Path(top).resolve() != package.resolve().parent:
         return None
-    return _output([*git, "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"])
+    head, changed = (_output([*git, *ask]) for ask in (["rev-parse", "HEAD"], ["diff", "--name-only", "HEAD", *_CODE]))
+    return head and head + "-dirty" * bool(changed)
 
 
 def _read(workdir: pathlib.Path) -> dict[str, Any]:

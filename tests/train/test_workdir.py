@@ -130,12 +130,15 @@ def test_the_commit_is_that_of_the_source_tree(tmp_path, monkeypatch):
         folder.mkdir(parents=True)
         (folder / "code.py").write_text("1\n")
     assert run_record.commit(package) is None
+    (tmp_path / "scores.jsonl").write_text("1\n")
     _git(tmp_path, "init")
-    _git(tmp_path, "add", "package")
+    _git(tmp_path, "add", "package", "scores.jsonl")
     _git(tmp_path, "commit", "-m", "x")
     clean = run_record.commit(package)
     assert clean is not None and len(clean) == 40
     assert run_record.commit(other) is None  # installed in a folder of somebody's repository
+    (tmp_path / "scores.jsonl").write_text("2\n")
+    assert run_record.commit(package) == clean
     (package / "code.py").write_text("2\n")
     assert run_record.commit(package) == f"{clean}-dirty"
     monkeypatch.setenv("PATH", "")
