@@ -5,10 +5,10 @@ import pathlib
 import re
 
 import av
-import librosa
 import numpy as np
 import pytest
 import soundfile
+import soxr
 from av.stream import Disposition
 
 from ha2g_jax.errors import UserError
@@ -84,9 +84,9 @@ def test_sound_resampled_in_blocks_is_that_resampled_at_once(tmp_path, monkeypat
     monkeypatch.setattr("ha2g_jax.features.audio._BLOCK", 999)
     samples = noise(rate + 7)
     soundfile.write(tmp_path / "speech.wav", samples, rate, subtype="FLOAT")
-    whole = librosa.resample(samples, orig_sr=rate, target_sr=16_000, res_type="soxr_hq")
-    expected = librosa.util.fix_length(whole, size=round(len(samples) * 16_000 / rate))
-    np.testing.assert_array_equal(audio.read_audio(tmp_path / "speech.wav"), expected)
+    expected, found = soxr.resample(samples, rate, 16_000, "HQ"), audio.read_audio(tmp_path / "speech.wav")
+    assert len(found) == round(len(samples) * 16_000 / rate)
+    np.testing.assert_array_equal(found[: len(expected)], expected[: len(found)])
 
 
 def test_a_loud_float_file_is_scaled_to_full_scale(tmp_path):
@@ -156,12 +156,12 @@ def write_tracks(path, tracks, *, lost=(), default=0):
         streams = [container.add_stream("pcm_s16le", rate=16000, layout="mono") for _ in tracks]
         for number, stream in enumerate(streams):
             stream.disposition = Disposition.default if number == default else Disposition(0)
-        for piece in range(len(tracks[0]) // 1600):
+        for piece in sorted({*range(len(tracks[0]) // 1600)} - {*lost}):
             for stream, samples in zip(streams, tracks, strict=True):
                 values = np.round(samples[None, 1600 * piece : 1600 * (piece + 1)] * 32767).astype(np.int16)
                 frame = av.AudioFrame.from_ndarray(values, format="s16", layout="mono")
                 frame.sample_rate, frame.pts = 16000, 1600 * piece
-                container.mux([] if piece in lost else stream.encode(frame))
+                container.mux(stream.encode(frame))
 
 
 def test_lost_packets_are_silence_so_that_nothing_after_them_is_early(tmp_path):
@@ -172,9 +172,9 @@ def test_lost_packets_are_silence_so_that_nothing_after_them_is_early(tmp_path):
 
 
 def test_a_time_far_away_is_no_silence_that_fills_memory(tmp_path):
-    write_tracks(tmp_path / "a.mkv", [tone(8000)], lost=range(1, 79990))
-    with pytest.raises(UserError, match="minutes of sound"):
-        audio.read_audio(tmp_path / "a.mkv")
+    write_tracks(tmp_path / "a.mkv", [tone(600)], lost=range(1, 5990))
+    with pytest.raises(UserError, match="more than 1 minutes of sound"):
+        audio.read_audio(tmp_path / "a.mkv", max_seconds=60)
 
 
 def test_the_track_is_the_one_that_players_take(tmp_path):
