@@ -12,7 +12,7 @@ import soundfile
 from fixtures.pages import Page
 
 from ha2g_jax import cli
-from ha2g_jax.apps.generate import find_transcript, generate_files, out_paths, plan
+from ha2g_jax.apps.generate import find_transcript, generate_files, load, out_paths, plan
 from ha2g_jax.errors import UserError
 from ha2g_jax.figure import CAMERAS
 from ha2g_jax.motion.control import rest_pose
@@ -300,3 +300,8 @@ def test_an_interrupt_leaves_the_files_that_are_complete(debug_folder, recording
     names = ["second_gestures.mp4", "second_gestures.npz"]
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == names
     assert len(capsys.readouterr().out.splitlines()) == 2
+
+
+def test_a_backend_that_there_is_not_is_no_other_one():
+    with pytest.raises(UserError, match="no backend 'ONNX'; expected jax or onnx"):
+        load("demo", "ONNX")

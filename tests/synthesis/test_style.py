@@ -8,10 +8,11 @@ import numpy as np
 
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.features.text import Vocabulary
+from ha2g_jax.limits import MAX_SEED
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.synthesis import load_onnx
 from ha2g_jax.synthesis.onnx_model import page_description
-from ha2g_jax.synthesis.style import VARIATION, Style, choose_style
+from ha2g_jax.synthesis.style import VARIATION, Style, choose_style, later_seed
 
 DIM = 3
 SPEC: Any = types.SimpleNamespace(style_dim=DIM, method="ha2g")
@@ -66,3 +67,7 @@ def test_choices_are_those_of_generate(debug_onnx, monkeypatch):
         np.testing.assert_array_equal(varied, exact + np.float32(0.5) * np.float32(take["variation"]))
         model.generate(np.zeros(4800, np.float32), seed=seed)
         np.testing.assert_array_equal(starts[-1], model.assets.seed_poses[take["seed_pose"]])
+
+
+def test_seeds_go_on_after_the_largest_from_0():
+    assert [later_seed(MAX_SEED - 1, count) for count in range(3)] == [MAX_SEED - 1, MAX_SEED, 0]
