@@ -24,6 +24,7 @@ from ha2g_jax.motion.cues.reading import read_clip
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.progress import stage
 from ha2g_jax.synthesis.generator import Audio, Generator, Options, read_speech
+from ha2g_jax.synthesis.style import check_seed
 from ha2g_jax.viewer.page import MAX_MOTIONS, view
 
 BACKENDS = ("jax", "onnx")
@@ -276,8 +277,8 @@ def generate_files(
             pass
     if not 1 <= takes <= MAX_MOTIONS:
         raise UserError(f"{takes} takes; expected 1 to {MAX_MOTIONS}")
-    first = options.get("seed", 0)
-    seeds = range(first, first + takes)
+    first = check_seed(options.get("seed", 0))
+    seeds = range(first, check_seed(first + takes - 1) + 1)
     tasks = plan(speech, out, suffix, _others(transcript, options), seeds)
     if words is not None and len(tasks) > 1:
         raise UserError(f"{shown(words)} is one transcript, and there are {len(tasks)} files; leave out --words")
@@ -294,7 +295,7 @@ def generate_files(
     if VIDEO in suffixes:
         from ha2g_jax.motion.formats.video import check_size
 
-        check_size((size, size) if isinstance(size, int) else size or (_SIZE, _SIZE))
+        check_size(size if isinstance(size, tuple) else (size or _SIZE, size or _SIZE))
     picture = {"size": size or _SIZE, "camera": camera or "body", "fps": options.get("fps")}
     with stage("loading the model"):
         model = load(checkpoint, backend)

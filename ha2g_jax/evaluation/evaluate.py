@@ -15,6 +15,7 @@ from ha2g_jax.evaluation.rows import Rows, make_rows
 from ha2g_jax.metrics import reconstruction
 from ha2g_jax.metrics.beats import rests, row_alignment, stops, times
 from ha2g_jax.metrics.frechet import SAMPLES_PER_DIMENSION
+from ha2g_jax.metrics.giveaway import is_tested_by_time
 from ha2g_jax.metrics.legacy import check_rate, legacy_notes
 from ha2g_jax.metrics.metric import Score, Section, Statistic
 from ha2g_jax.metrics.row import FGD_SEEDED_CUT, SEED_FRAMES, Row, cut_windows, reference_cut, row_latents
@@ -43,6 +44,11 @@ _BY_CHANCE = (TRUTH, HALF)
 NO_AUTOENCODER = (
     "no FGD and no diversity without a pose auto-encoder; train one with "
     "`ha2g train --config autoencoder:DATA --workdir WORKDIR` and give --autoencoder WORKDIR"
+)
+
+_TESTED_BY_TIME = (
+    "one recording alone has motion of 5 s, so that what gives motion away is tested on blocks of its time, and areas "
+    "are larger than between recordings"
 )
 
 _BIAS = (
@@ -203,7 +209,7 @@ def _halves(truth: Row) -> dict[str, dict[str, float | None]]:
 
 def _few_recordings(made: Rows) -> list[str]:
     if made.reference.num_recordings > 1:
-        return []
+        return [_TESTED_BY_TIME] * is_tested_by_time(made.truth)
     return [
         "all clips are of one recording, so there are no intervals, no mismatched speech and no other half, and what "
         "gives motion away is tested on blocks of its time; give clips of several recordings"

@@ -43,7 +43,7 @@ class CauseRow(NamedTuple):
     takes: np.ndarray = np.zeros((0, 3))
 
     def take(self, kept: np.ndarray) -> "CauseRow":
-        """Return what is found in the motions of a mask (n,), but for `takes`, which stays whole."""
+        """Return the row of those motions that a mask (n,) keeps; `takes` stays whole."""
         words = np.isin(self.word_clips, self.clips[kept])
         masks: dict[str, np.ndarray] = dict.fromkeys(("shapes", "flexions", "word_clips"), words)
         masks["mismatched"] = np.repeat(kept, len(self.mismatched) // max(len(kept), 1))

@@ -301,6 +301,11 @@ def _row_windows(row: Row) -> Windows:
     return windows_of(row.once(row_bodies), row.numbers, row.members)
 
 
+def is_tested_by_time(truth: Row) -> bool:
+    """Return whether windows of ground truth are of one recording, so that blocks of its time are held out."""
+    return len(np.unique(truth.once(_row_windows).recordings)) == 1
+
+
 def _told_from_truth(group: str) -> Callable[[Row], Score]:
     def measure(row: Row) -> Score:
         truth, num_recordings = row.reference.truth, row.reference.num_recordings

@@ -70,11 +70,17 @@ class Motion:
     def from_directions(
         cls, skeleton: Skeleton, directions: np.ndarray, fps: float, meta: dict[str, Any] | None = None
     ) -> "Motion":
-        """Build a motion from directions (T, bones, 3), which are normalised, and a skeleton's bone lengths."""
+        """Build a motion from directions (T, bones, 3), which are normalised, and a skeleton's bone lengths.
+
+        The values of `meta` become those of JSON, numbers and arrays of NumPy among them.
+
+        Raises:
+            TypeError: `meta` has a value that JSON does not know.
+        """
         directions = normalize(np.asarray(directions, np.float32))
         left, right = (skeleton.mean_pose[skeleton.joint(f"{side}_shoulder"), 0] for side in ("left", "right"))
         axes = {"units": "metres", "x": f"the person's {'left' if left > right else 'right'}", "y": "down"}
-        plain = json.loads(json.dumps(meta or {}, default=np.generic.item))  # numbers of NumPy, too
+        plain = json.loads(json.dumps(meta or {}, default=_plain))
         return cls(
             directions=directions,
             positions=directions_to_positions(skeleton, directions),
@@ -199,6 +205,12 @@ class Motion:
             why = f"it has no {error}" if isinstance(error, KeyError) else reason(error)
             raise UserError(f"{shown(path)} is not a motion ({why}); give an .npz that ha2g generate wrote") from error
         return motion
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} is no value of JSON")
 
 
 def _parse_names(names: np.ndarray) -> tuple[str, ...]:

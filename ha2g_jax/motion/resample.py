@@ -17,7 +17,10 @@ def num_frames(duration: float, fps: float) -> int:
 
 
 def moments_at(frames: int, fps: float, new_fps: float) -> np.ndarray:
-    """Return the moments (T,) in frames at which a motion is sampled at another rate; the last frame is held."""
+    """Return the moments (T,) in frames at which a motion is sampled at another rate, T of `num_frames`.
+
+    After the last frame that frame is held.
+    """
     return np.minimum(np.arange(num_frames(frames / fps, new_fps)) * (fps / new_fps), frames - 1)
 
 

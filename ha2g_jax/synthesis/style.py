@@ -58,19 +58,24 @@ class Style(NamedTuple):
 RANDOM = Style()
 
 
-def check_seed(seed: int) -> None:
-    """Raise a `UserError` if a seed is not a whole number, negative or above `MAX_SEED`."""
+def check_seed(seed: int) -> int:
+    """Return a seed as a plain number; raise a `UserError` unless it is a whole number from 0 to `MAX_SEED`."""
     if not isinstance(seed, numbers.Integral):
         raise UserError(f"the seed is {seed!r}; give a whole number")
     if seed < 0:
         raise UserError(f"seed {seed} is negative; give 0 or more")
     if seed > MAX_SEED:
         raise UserError(f"a seed is above {MAX_SEED}; give a smaller one")
+    return int(seed)
 
 
 def later_seed(seed: int, count: int) -> int:
-    """Return the seed that comes after another by a number; after `MAX_SEED` comes 0."""
-    return (seed + count) % (MAX_SEED + 1)
+    """Return the seed that comes after another by a number; after `MAX_SEED` comes 0.
+
+    Raises:
+        UserError: as `check_seed`.
+    """
+    return (check_seed(seed) + count) % (MAX_SEED + 1)
 
 
 def choose_style(
@@ -105,7 +110,8 @@ def choose_style(
             "seed"
         )
     check_seed(seed)
-    check_seed(style.seed or 0)
+    if style.seed is not None:
+        check_seed(style.seed)
     if not 0 <= style.variation <= _MOST_VARIATION:
         raise UserError(f"the variation of the style is {style.variation:g}; expected 0 to {_MOST_VARIATION:g}")
     if style.speaker is not None:

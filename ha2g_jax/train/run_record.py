@@ -99,7 +99,7 @@ def commit(package: pathlib.Path) -> str | None:
     if top is None or pathlib.Path(top).resolve() != package.resolve().parent:
         return None
     head, changed = (_output([*git, *ask]) for ask in (["rev-parse", "HEAD"], ["diff", "--name-only", "HEAD", *_CODE]))
-    return head and head + "-dirty" * bool(changed)
+    return None if head is None or changed is None else head + "-dirty" * bool(changed)
 
 
 def _read(workdir: pathlib.Path) -> dict[str, Any]:
@@ -148,4 +148,4 @@ def _output(command: list[str]) -> str | None:
         )
     except (OSError, subprocess.SubprocessError):
         return None
-    return done.stdout.strip() or None if done.returncode == 0 else None
+    return done.stdout.strip() if done.returncode == 0 else None

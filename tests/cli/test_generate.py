@@ -15,6 +15,7 @@ from ha2g_jax import cli
 from ha2g_jax.apps.generate import find_transcript, generate_files, load, out_paths, plan
 from ha2g_jax.errors import UserError
 from ha2g_jax.figure import CAMERAS
+from ha2g_jax.limits import MAX_SEED
 from ha2g_jax.motion.control import rest_pose
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import load_skeleton
@@ -300,6 +301,11 @@ def test_an_interrupt_leaves_the_files_that_are_complete(debug_folder, recording
     names = ["second_gestures.mp4", "second_gestures.npz"]
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == names
     assert len(capsys.readouterr().out.splitlines()) == 2
+
+
+def test_the_last_take_has_a_seed_before_anything_is_made(tmp_path):
+    with pytest.raises(UserError, match="a seed is above"):
+        generate_files(tmp_path / "missing.wav", tmp_path / "out", seed=MAX_SEED, takes=2)
 
 
 def test_a_backend_that_there_is_not_is_no_other_one():

@@ -231,12 +231,15 @@ def test_has_as_many_parameters_as_the_published_comparison(name):
         assert sum(leaf.size for leaf in jax.tree.leaves(params)) == count
 
 
-@pytest.mark.parametrize("method", [name for name in SMALL if name != "joint_embedding"])  # whose latent is a sample
+@pytest.mark.parametrize("method", SMALL)
 def test_a_single_clip_is_evaluated_as_one_of_a_batch(method, make_plain, make_motion_batch, draw_state):
     objective = make_plain(method)
     state, batch = draw_state(objective), make_motion_batch(objective, 3)
     single, key = jax.tree.map(lambda x: x[1:2], batch), jax.random.key(1)
-    keys, variables = step_keys(objective.spec, key, state.step), state.generator.variables
-    run = functools.partial(method_of(objective.spec).run, objective.spec, variables, keys=keys, train=False)
-    poses, alone = (jax.jit(run)(it).outputs.poses[-1] for it in (batch, single))
-    np.testing.assert_allclose(alone, poses[1:2], rtol=1e-4, atol=1e-5)
+    metrics = jax.eval_shape(functools.partial(validation_step, objective), state, single, key)
+    assert set(metrics) == {f"loss/{name}" for name in (*method_of(objective.spec).Terms._fields, "total")}
+    if method != "joint_embedding":  # whose latent is a sample
+        keys, variables = step_keys(objective.spec, key, state.step), state.generator.variables
+        run = functools.partial(method_of(objective.spec).run, objective.spec, variables, keys=keys, train=False)
+        poses, alone = (jax.jit(run)(it).outputs.poses[-1] for it in (batch, single))
+        np.testing.assert_allclose(alone, poses[1:2], rtol=1e-4, atol=1e-5)

@@ -77,7 +77,7 @@ def write_video(
     motions = motion if isinstance(motion, Mapping) else {"": motion}
     for each in motions.values():
         each.check()
-    width, height = check_size((size * len(motions), size) if isinstance(size, int) else size)
+    width, height = check_size(size if isinstance(size, tuple) else (size * len(motions), size))
     longest = max(each.num_frames / each.fps for each in motions.values())
     rate = _to_rate(fps)
     frames = num_frames(longest if audio is None else len(audio) / sample_rate, float(rate))

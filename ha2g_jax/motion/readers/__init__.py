@@ -111,8 +111,11 @@ def read_motion(
         The motion; `meta["read_from"]` says of a third-party file how it was read: "kind", "fps" of the file and more.
 
     Raises:
-        UserError: the file cannot be read, is of no kind, or does not hold a motion.
+        UserError: the file cannot be read, is of no kind, does not hold a motion, or lacks joints of the skeleton; or
+            there is no such skeleton.
     """
+    if skeleton not in (None, *SKELETONS):
+        raise UserError(f"no skeleton {skeleton!r}; expected {' or '.join(SKELETONS)}")
     path = pathlib.Path(path)
     options = _Options(skeleton, fps, **reading)
     check_stated(options.source_fps, options.unit)
@@ -230,7 +233,11 @@ def _reader_of(content: Content) -> Callable[[Content, _Options], Motion]:
 
 
 def _in_skeleton(motion: Motion, path: pathlib.Path, options: _Options) -> Motion:
-    """Return a motion in the skeleton that is asked for, without its fingers where that has none."""
+    """Return a motion in the skeleton that is asked for; fingers that it lacks are left out.
+
+    Raises:
+        UserError: the skeleton has fingers, and the motion has none.
+    """
     found = motion.meta["skeleton"]
     if options.skeleton in (None, found):
         return motion

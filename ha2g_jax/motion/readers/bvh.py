@@ -204,7 +204,9 @@ class _Reader:
 
 
 def _frame_rate(text: str, frame_time: float) -> float:
-    """Return the frames per second: a usual rate, whole if possible, whose frame time, rounded or cut, is that."""
+    """Return the frames per second: a usual rate, whole if possible, whose frame time is the stated one when it is
+    rounded or cut to as many decimals; where there is none, 1 / frame time.
+    """
     mantissa, _, exponent = text.lower().lstrip("+").partition("e")
     digits = len(mantissa.partition(".")[2]) - int(exponent or 0)  # decimals
     if not mantissa.replace(".", "").isdigit() or digits < _MIN_DIGITS:

@@ -57,7 +57,8 @@ def world_motion(bvh: Bvh, fps: float, joints: Sequence[int]) -> tuple[np.ndarra
     without position channels keeps its length.
 
     Args:
-        fps: frames per second of the result; frame k is at k / fps seconds, and the last frame of the file is held.
+        fps: frames per second of the result; frame k is at k / fps seconds; after the last frame of the file that frame
+            is held.
         joints: n indices of joints of the file; only these and the joints above them are computed.
 
     Returns:

@@ -265,7 +265,7 @@ def test_names_of_joints_in_another_form_are_read(case, files, tmp_path):
 def test_every_format_has_the_same_frames_at_another_rate(frames, fps, new, tmp_path):
     skeleton = load_skeleton("ted_expressive")
     motion = Motion.from_directions(skeleton, np.repeat(skeleton.mean_directions[None], frames, axis=0), fps)
-    for suffix in (".bvh", ".glb", ".json"):
+    for suffix in (".bvh", ".glb", ".json", ".csv"):
         formats.export(motion, tmp_path / f"m{suffix}")
         found = read_motion(tmp_path / f"m{suffix}", fps=new)
         assert (found.num_frames, found.fps) == (at_rate(motion, new).num_frames, new)
@@ -274,6 +274,8 @@ def test_every_format_has_the_same_frames_at_another_rate(frames, fps, new, tmp_
 @pytest.mark.parametrize("kind", ["own", "directions"])
 def test_motion_is_read_without_its_fingers_beside_one_that_has_none(kind, files):
     """The arms stay where they are, and the head shows the same turn in the joints of the other skeleton."""
+    with pytest.raises(UserError, match="no skeleton 'smpl'; expected ted_expressive or"):
+        read_motion(files[kind], skeleton="smpl")
     motion, bare = read_motion(files[kind]), read_motion(files[kind], skeleton="ted_gesture")
     assert bare.meta["skeleton"] == "ted_gesture" and bare.num_frames == motion.num_frames
     for joint in ("neck", "left_elbow", "right_wrist"):
