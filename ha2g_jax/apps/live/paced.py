@@ -18,7 +18,7 @@ from ha2g_jax.motion.cues import Cue
 from ha2g_jax.synthesis.stream import Stream
 
 CHANGES = ("state", "muted", "controls", "style")
-"""Attributes of a stream that `PacedStream.change` assigns."""
+"""Names of the attributes of a stream that `PacedStream.change` assigns."""
 
 _WAITING = SAMPLE_RATE // 5  # samples of the other that may wait, as after a stall of the network
 
@@ -68,7 +68,7 @@ class PacedStream:
         self._other.put(pcm, rate)
 
     def change(self, **attributes: Any) -> None:
-        """Assign attributes of the stream, of `CHANGES`, before the next frame.
+        """Assign attributes of the stream, those that `CHANGES` names, before the next frame.
 
         Raises:
             UserError: there is no such attribute.
