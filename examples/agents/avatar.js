@@ -6,11 +6,20 @@
  * or, for TalkingHead, --rig mixamo. `--fps 60` sends frames between those of the model.
  */
 
+const RETRY_MILLISECONDS = 1000;
 const UPPER_BODY = /^(Spine|Neck|Head$|(Left|Right)(Shoulder|Arm|ForeArm|Hand))/; // TalkingHead moves the rest
+
+/** Opens a WebSocket, and again whenever it is closed; `begin` is called with each. */
+function keepOpen(address, begin) {
+  const socket = new WebSocket(address);
+  begin(socket);
+  socket.addEventListener("close", () => setTimeout(keepOpen, RETRY_MILLISECONDS, address, begin));
+}
 
 /** The body of an agent. */
 export class Body {
   #source;
+  #waiting = []; // messages, until the source is open
   #bones = [];
   #rotations = [];
 
@@ -19,22 +28,32 @@ export class Body {
    * @param sink - where it sends frames.
    */
   constructor(source = "ws://127.0.0.1:8765", sink = "ws://127.0.0.1:8766") {
-    this.#source = new WebSocket(source);
-    new WebSocket(sink).onmessage = ({ data }) => {
-      const message = JSON.parse(data);
-      if (message.type === "joints") this.#bones = message.joints.map(({ name }) => name.replace("mixamorig:", ""));
-      else this.#rotations = message.rotations;
-    };
+    keepOpen(source, (socket) => {
+      [this.#source, this.#waiting] = [socket, []];
+      socket.onopen = () => this.#waiting.forEach((message) => socket.send(message));
+    });
+    keepOpen(sink, (socket) => {
+      socket.onmessage = ({ data }) => {
+        const message = JSON.parse(data);
+        if (message.type === "joints") this.#bones = message.joints.map(({ name }) => name.replace("mixamorig:", ""));
+        else this.#rotations = message.rotations;
+      };
+    });
   }
 
   /** Speaks: PCM of 16 bits, mono, at the rate of `--rate`, an `Int16Array` of any length. */
   say(pcm) {
-    this.#source.send(pcm);
+    this.#send(pcm);
   }
 
   /** Changes what the body does: { state: "listen" }, { cue: "nod" }, { muted: true }, { clear: true }. */
   tell(message) {
-    this.#source.send(JSON.stringify(message));
+    this.#send(JSON.stringify(message));
+  }
+
+  #send(message) {
+    if (this.#source.readyState === WebSocket.CONNECTING) this.#waiting.push(message);
+    else this.#source.send(message);
   }
 
   /** Poses an avatar of three-vrm; call it in each frame, before `vrm.update`. */

@@ -297,7 +297,7 @@ class Stream:
         self._check_open()
         first = self._num_returned if frame is None else frame
         oldest = self._num_returned - (len(self._recent) - self._join.first)
-        if not oldest <= first <= self._num_returned:
+        if not (isinstance(first, numbers.Integral) and oldest <= int(first) <= self._num_returned):
             raise UserError(f"frame {first} is not remembered; clear one of {oldest} to {self._num_returned}")
         course = np.stack([each.pose for each in (*self._recent, *self._held, *self._expected)])
         start = len(self._recent) - (self._num_returned - first)  # of frame `first` in it

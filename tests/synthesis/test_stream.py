@@ -420,7 +420,7 @@ def test_a_clear_goes_back_to_the_controls_of_its_frame(debug_model):
 def test_a_clear_goes_back_a_minute(debug_model):
     stream = debug_model.stream(hop=26)
     count = len(stream.feed(speech(70)))
-    for frame in (count - 901, count + 1, -1):
+    for frame in (count - 901, count + 1, -1, count - 0.5):
         with pytest.raises(UserError, match=f"frame {frame} is not remembered; clear one of {count - 900} to {count}"):
             stream.clear(frame)
     assert stream.clear(count - 900) == count - 900

@@ -3,6 +3,7 @@
 import asyncio
 import collections
 import itertools
+import logging
 import math
 from collections.abc import Awaitable, Callable
 from functools import partial
@@ -14,11 +15,13 @@ from ha2g_jax.apps.live.pieces import Resampler
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.limits import MAX_SOUND_RATE, MIN_SOUND_RATE
-from ha2g_jax.motion.cues import Cue
+from ha2g_jax.motion.cues import Cue, check_name
 from ha2g_jax.synthesis.stream import Stream
 
 CHANGES = ("state", "muted", "controls", "style")
 """Names of the attributes of a stream that `PacedStream.change` assigns."""
+
+_logger = logging.getLogger(__name__)
 
 _WAITING = SAMPLE_RATE // 5  # samples of the other that may wait, as after a stall of the network
 
@@ -70,6 +73,8 @@ class PacedStream:
     def change(self, **attributes: Any) -> None:
         """Assign attributes of the stream, those that `CHANGES` names, before the next frame.
 
+        A value that the stream refuses changes nothing, and is logged as a warning.
+
         Raises:
             UserError: there is no such attribute.
         """
@@ -78,7 +83,14 @@ class PacedStream:
         self._changes += [partial(setattr, self._stream, name, value) for name, value in attributes.items()]
 
     def cue(self, cue: Cue | str, at: float | None = None) -> None:
-        """Give the stream a cue before the next frame, see `Stream.cue`."""
+        """Give the stream a cue before the next frame, see `Stream.cue`.
+
+        A cue that the stream refuses, as where 64 wait already, is not made, and is logged as a warning.
+
+        Raises:
+            UserError: there is no such gesture.
+        """
+        check_name(cue if isinstance(cue, str) else cue.name)
         self._changes.append(partial(self._stream.cue, cue, at))
 
     def clear(self) -> None:
@@ -87,11 +99,7 @@ class PacedStream:
         self._changes.append(self._stream.clear)
 
     async def run(self) -> None:
-        """Hear and show until this coroutine is cancelled; the motion is computed in a thread.
-
-        Raises:
-            UserError: an attribute or a cue cannot be used.
-        """
+        """Hear and show until this coroutine is cancelled; the motion is computed in a thread."""
         fps, clock = self._stream.fps, asyncio.get_running_loop().time
         delay, start = math.ceil(round(self._stream.latency * fps, 6)), clock()
         for tick in itertools.count(1):  # sound up to the time tick / fps has been heard
@@ -106,7 +114,10 @@ class PacedStream:
 
     def _advance(self, changes: list[Callable[[], Any]], own: np.ndarray, other: np.ndarray) -> None:
         for change in changes:
-            change()
+            try:
+                change()
+            except UserError as error:  # the body goes on without it
+                _logger.warning("%s", error)
         self._frames.extend(self._stream.feed(own, other))
 
 

@@ -20,14 +20,22 @@ _MOST_HEADER = 1 << 16  # bytes of a WAV before its sound
 _UNKNOWN_SIZE = 0x7FFF0000  # from which on the size of a WAV that is written to a pipe is not its size
 # How files begin that are neither raw PCM nor WAV.
 _OTHERS = {
-    b"fLaC": "FLAC",
-    b"OggS": "Ogg",
-    b"ID3": "MP3",
-    b"FORM": "AIFF",
-    b".snd": "AU",
-    b"caff": "CAF",
-    b"RF64": "RF64",
+    "FLAC": rb"fLaC",
+    "Ogg": rb"OggS",
+    "MP3": rb"ID3",
+    "AIFF": rb"FORM",
+    "AU": rb"\.snd",
+    "CAF": rb"caff",
+    "RF64": rb"RF64",
+    "WebM": rb"\x1a\x45\xdf\xa3",
+    "MP4": rb".{4}ftyp",
 }
+_MP3_KBPS = {  # of a frame of MP3, by the bits of its version: MPEG 1, 2 and 2.5
+    3: (32, 40, 48, 56, 64, 80, 96, 112, 128, 160, 192, 224, 256, 320),
+    2: (8, 16, 24, 32, 40, 48, 56, 64, 80, 96, 112, 128, 144, 160),
+    0: (8, 16, 24, 32, 40, 48, 56, 64, 80, 96, 112, 128, 144, 160),
+}
+_MP3_RATES = {3: (44100, 48000, 32000), 2: (22050, 24000, 16000), 0: (11025, 12000, 8000)}
 
 
 class Change(NamedTuple):
@@ -127,7 +135,8 @@ class Decoder:
         head, self._form = self._rest, {}
         if len(head) < 12 and not is_last:
             return False
-        if other := next((name for start, name in _OTHERS.items() if head.startswith(start)), None):
+        other = next((name for name, start in _OTHERS.items() if re.match(start, head, re.DOTALL)), None)
+        if other := other or ("MP3" if _is_mp3(head) else None):
             raise UserError(f"what is sent is {other}; send WAV or raw PCM, or give the file to --source")
         form = {"samplerate": self._stated or SAMPLE_RATE, "channels": self._channels, "subtype": "PCM_16"}
         if head.startswith(b"RIFF") and head[8:12] == b"WAVE":
@@ -159,3 +168,15 @@ class Decoder:
                 self._resampler = soxr.ResampleStream(file.samplerate, SAMPLE_RATE, self._channels, dtype="float32")
         self._form = form | {"format": "RAW", "endian": "LITTLE"}
         return True
+
+
+def _is_mp3(head: bytes) -> bool:
+    """Return whether bytes begin with a frame of MP3 without a tag, and go on with another one."""
+    if len(head) < 4 or head[0] != 0xFF or head[1] >> 5 != 0b111 or head[1] >> 1 & 3 != 1:
+        return False
+    version, kbps, rate = head[1] >> 3 & 3, (head[2] >> 4) - 1, head[2] >> 2 & 3
+    if version not in _MP3_KBPS or not 0 <= kbps < 14 or rate == 3:
+        return False
+    size = (144_000 if version == 3 else 72_000) * _MP3_KBPS[version][kbps] // _MP3_RATES[version][rate]
+    size += head[2] >> 1 & 1
+    return head[size : size + 2] == head[:2]

@@ -1,10 +1,10 @@
 """Sources of sound: a file, standard input, the microphone, or a WebSocket that others send to.
 
 Sound that arrives by itself is taken from outside by a thread, which puts it into a queue of bounded length. It is
-opened when the run begins to listen, so that no sound waits for the model to be loaded. A sender that can wait (a pipe,
-a WebSocket) waits while the queue is full; the sound of a microphone is lost then. What is sent is heard from the
-moment it arrives, or after the sound before it; where nothing is sent, silence is heard, so that the motion goes on.
-What is sent ahead waits here until its time, so that it can be dropped when its speaker is interrupted.
+opened when the run begins to listen, so that no sound waits for the model to be loaded. A pipe waits while the queue is
+full; a WebSocket is closed then, and the sound of a microphone is lost. What is sent is heard from the moment it
+arrives, or after the sound before it; where nothing is sent, silence is heard, so that the motion goes on. What is sent
+ahead waits here until its time, so that it can be dropped when its speaker is interrupted.
 """
 
 import collections
@@ -16,7 +16,7 @@ import sys
 import threading
 import time
 from collections.abc import Generator, Iterator
-from typing import Any, BinaryIO, Protocol
+from typing import Any, BinaryIO, NamedTuple, Protocol
 
 import numpy as np
 from tqdm import tqdm
@@ -40,7 +40,8 @@ _PATIENCE = 0.06  # seconds after the end of the sound until silence is heard; l
 _POLL = 0.02  # seconds between two looks at the queue
 _BROKEN = 5.0  # seconds without sound after which a microphone is taken to be unplugged
 _INSTALL_PORTAUDIO = "sudo apt install libportaudio2 (Debian, Ubuntu), sudo dnf install portaudio (Fedora)"
-_BUSY, _UNSUPPORTED = 1013, 1003  # codes of WebSockets for a second sender, and for what is not sound
+_BUSY, _UNSUPPORTED = 1013, 1003  # codes of WebSockets for a second sender, and for what cannot be heard
+_ANSWER_SECONDS = 2.0  # for a sender to answer a ping before another one takes its place
 _MOST_REASON = 100  # letters that a WebSocket is closed with
 
 
@@ -96,14 +97,22 @@ class FileSource:
 class Inbox:
     """Sound that is sent in pieces of any length, on its way from the thread that receives it to the run."""
 
-    def __init__(self, rate: int, channels: int = 1) -> None:
-        self._rate, self._channels = rate, channels
-        self._pieces: collections.deque[np.ndarray | Change | UserError | None] = collections.deque()
+    def __init__(self, rate: int, clock: Clock, channels: int = 1) -> None:
+        self._rate, self._clock, self._channels = rate, clock, channels
+        self._pieces: collections.deque[_Piece] = collections.deque()
         self._num_waiting = 0  # samples
         self._lock = threading.Lock()
         self._is_closed = False
 
-    def put(self, piece: np.ndarray | Change | UserError | None) -> bool:
+    def check_space(self) -> None:
+        """Raise a UserError if as much sound waits as may."""
+        if self._is_full():
+            raise UserError(f"{_AHEAD_SECONDS} s of sound wait to be heard; send later sound later")
+
+    def _is_full(self) -> bool:
+        return self._num_waiting >= _AHEAD_SECONDS * self._rate
+
+    def put(self, content: np.ndarray | Change | UserError | None) -> bool:
         """Wait until there is space, append a piece, and return whether the run still listens.
 
         A piece is samples, a change from there on, None for the end of the sound, or an error that is raised there. A
@@ -111,12 +120,12 @@ class Inbox:
         """
         while not self._is_closed:
             with self._lock:
-                if isinstance(piece, Change) and piece.clear:
-                    self._pieces = collections.deque(each for each in self._pieces if not isinstance(each, np.ndarray))
+                if isinstance(content, Change) and content.clear:
+                    self._pieces = collections.deque(each for each in self._pieces if not each.is_sound)
                     self._num_waiting = 0
-                if not isinstance(piece, np.ndarray) or self._num_waiting < _AHEAD_SECONDS * self._rate:
-                    self._num_waiting += len(piece) if isinstance(piece, np.ndarray) else 0
-                    self._pieces.append(piece)
+                if not isinstance(content, np.ndarray) or not self._is_full():
+                    self._num_waiting += len(content) if isinstance(content, np.ndarray) else 0
+                    self._pieces.append(_Piece(content, self._clock.now()))
                     return True
             time.sleep(_POLL)
         return False
@@ -125,33 +134,34 @@ class Inbox:
         """Let the thread that puts samples end."""
         self._is_closed = True
 
-    def _take(self, is_due: bool) -> np.ndarray | Change | UserError | None:
+    def _take(self, is_due: bool) -> "_Piece":
         """Take the next piece, at most `_LONGEST_PIECE` of sound; samples only if they are due.
 
         Raises:
             queue.Empty: there is none.
         """
         with self._lock:
-            if not self._pieces or (isinstance(self._pieces[0], np.ndarray) and not is_due):
+            if not self._pieces or (self._pieces[0].is_sound and not is_due):
                 raise queue.Empty
-            piece = self._pieces.popleft()
-            if isinstance(piece, np.ndarray):
+            content, arrived = self._pieces.popleft()
+            if isinstance(content, np.ndarray):
                 most = round(_LONGEST_PIECE * self._rate)
-                if len(piece) > most:
-                    self._pieces.appendleft(piece[most:])
-                    piece = piece[:most]
-                self._num_waiting -= len(piece)
-            return piece
+                if len(content) > most:
+                    self._pieces.appendleft(_Piece(content[most:], arrived))
+                    content = content[:most]
+                self._num_waiting -= len(content)
+            return _Piece(content, arrived)
 
-    def chunks(self, clock: Clock, stop: StopFlag) -> Generator[Chunk, None, None]:
+    def chunks(self, stop: StopFlag) -> Generator[Chunk, None, None]:
         """Yield the sound as it is heard, and silence where there is none."""
+        clock = self._clock
         resampler, end = Resampler(self._rate, self._channels), clock.now()  # `end`: when the sound has been heard
         silence = np.zeros((round(CHUNK_SECONDS * self._rate), *[2] * (self._channels == 2)), np.float32)
         is_silent = False
         while not stop.is_asked():
-            piece = silence
-            with contextlib.suppress(queue.Empty):
-                piece = self._take(end - clock.now() <= 2 * _POLL)  # early enough that no look at the queue is late
+            piece, arrived = silence, end
+            with contextlib.suppress(queue.Empty):  # early enough that no look at the queue is late
+                piece, arrived = self._take(end - clock.now() <= 2 * _POLL)
             if isinstance(piece, UserError):
                 raise piece
             if isinstance(piece, Change):
@@ -169,11 +179,22 @@ class Inbox:
                     clock.sleep(min(left, _POLL))
                     continue
             else:
-                end = max(end, clock.now())
+                end = max(end, arrived)  # not the time now: a run that was held up catches up
             is_silent = piece is silence
             chunk = resampler.resample(piece, end)
             end += len(piece) / self._rate
             yield chunk
+
+
+class _Piece(NamedTuple):
+    """What is put into an `Inbox`, and when."""
+
+    content: np.ndarray | Change | UserError | None
+    arrived: float
+
+    @property
+    def is_sound(self) -> bool:
+        return isinstance(self.content, np.ndarray)
 
 
 class PipeSource:
@@ -195,10 +216,10 @@ class PipeSource:
         self._file = file or open(sys.stdin.fileno(), "rb", buffering=0, closefd=False)  # noqa: SIM115
 
     def chunks(self, clock: Clock, stop: StopFlag) -> Generator[Chunk, None, None]:
-        with contextlib.closing(Inbox(self._rate or SAMPLE_RATE, self._channels)) as inbox:
+        with contextlib.closing(Inbox(self._rate or SAMPLE_RATE, clock, self._channels)) as inbox:
             # It may wait for input for ever, and does not keep the program from ending.
             threading.Thread(target=self._read, args=(inbox,), daemon=True).start()
-            yield from inbox.chunks(clock, stop)
+            yield from inbox.chunks(stop)
 
     def _read(self, inbox: Inbox) -> None:
         decoder = Decoder(self._rate, self._channels)
@@ -221,17 +242,19 @@ class WebSocketSource:
 
     def __init__(self, address: Address, rate: int | None, channels: int = 1) -> None:
         self.name, self._address, self._rate, self._channels = str(address), address, rate, channels
-        self._sender = threading.Lock()
+        self._turn = threading.Lock()  # held by the sender that is heard
+        self._sender: Any = None  # its connection
 
     def chunks(self, clock: Clock, stop: StopFlag) -> Generator[Chunk, None, None]:
-        inbox = Inbox(self._rate or SAMPLE_RATE, self._channels)
+        inbox = Inbox(self._rate or SAMPLE_RATE, clock, self._channels)
         with serving(self._address, lambda connection: self._receive(connection, inbox)), contextlib.closing(inbox):
-            yield from inbox.chunks(clock, stop)
+            yield from inbox.chunks(stop)
 
     def _receive(self, connection: Any, inbox: Inbox) -> None:
-        if not self._sender.acquire(blocking=False):
+        if not (self._turn.acquire(blocking=False) or self._take_turn()):
             connection.close(_BUSY, "another sender is connected")
             return
+        self._sender = connection
         try:
             decoder = Decoder(self._rate, self._channels)
             for message in connection:
@@ -242,13 +265,27 @@ class WebSocketSource:
                         raise
                     connection.send(json.dumps({"error": str(error)}))
                     continue
+                if isinstance(piece, Change) and piece.clear:  # the rest of a WAV is not sent any more
+                    decoder = Decoder(self._rate, self._channels)
+                if not isinstance(piece, Change):
+                    inbox.check_space()
                 if not inbox.put(piece):
                     return
             inbox.put(decoder.decode(b"", is_last=True))
         except UserError as error:
             connection.close(_UNSUPPORTED, str(error)[:_MOST_REASON])
         finally:
-            self._sender.release()
+            self._turn.release()
+
+    def _take_turn(self) -> bool:
+        """Return whether the turn was taken from a sender that has vanished, such as one that lost its network."""
+        sender = self._sender
+        if sender is not None:
+            with contextlib.suppress(require("websockets.exceptions", "live").ConnectionClosed):
+                if sender.ping().wait(_ANSWER_SECONDS):
+                    return False
+            sender.close()
+        return self._turn.acquire(timeout=_ANSWER_SECONDS)
 
 
 def read_change(text: str) -> Change:

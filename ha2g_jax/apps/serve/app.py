@@ -18,6 +18,7 @@ from prometheus_client import CONTENT_TYPE_LATEST
 from starlette.datastructures import UploadFile
 from starlette.exceptions import HTTPException
 from starlette.formparsers import MultiPartException
+from starlette.middleware.cors import CORSMiddleware
 from starlette.requests import ClientDisconnect
 
 from ha2g_jax import __version__
@@ -90,6 +91,14 @@ def create_app(service: Service) -> FastAPI:
     app.exception_handler(HTTPException)(_http_error)
     app.exception_handler(Exception)(_server_error)
     app.add_middleware(Guard, service=service)
+    if origins := service.settings.origins:  # outside of the guard, as a browser asks without a token
+        app.add_middleware(
+            CORSMiddleware,
+            allow_origins=origins,
+            allow_methods=["GET", "POST"],
+            allow_headers=["Authorization"],
+            expose_headers=["Retry-After"],
+        )
     return app
 
 

@@ -2,6 +2,7 @@
 // Frames that a server sends, and the pose at any time between them.
 
 const KEPT = 30; // frames before the one that is shown
+const MOST_SECONDS = 15; // of frames that wait; a page in a hidden tab does not draw them
 const EASE = 0.4; // seconds in which the figure goes to a pose that does not follow from the one before
 
 class ArrivingMotion extends Figure {
@@ -22,6 +23,7 @@ class ArrivingMotion extends Figure {
   add(first, rows) {
     if (!this.frames.length) this.ease();
     rows.forEach((row, i) => this.frames.push({ number: first + i, directions: this.read(row) }));
+    this.frames.splice(0, this.frames.length - MOST_SECONDS * this.fps);
   }
 
   clear() {

@@ -1,7 +1,7 @@
 """Gestures on demand: what can be asked for, and its blending into a motion; `cues.reading` reads it from files."""
 
 from ha2g_jax.motion.cues.catalogue import NAMES, describe_catalogue, keyframes
-from ha2g_jax.motion.cues.cue import Cue, check_cue, describe, keyframes_of, place
+from ha2g_jax.motion.cues.cue import Cue, check_cue, check_name, describe, keyframes_of, place
 from ha2g_jax.motion.cues.running import MAX_SPEED, MOST, RunningCues, apply
 
 __all__ = [
@@ -12,6 +12,7 @@ __all__ = [
     "RunningCues",
     "apply",
     "check_cue",
+    "check_name",
     "describe",
     "describe_catalogue",
     "keyframes",

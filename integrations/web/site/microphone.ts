@@ -1,7 +1,7 @@
 /** The microphone, at 16 kHz. */
 
 import { fileOf } from "./elements.js";
-import { RunningResampler } from "./running-resampler.js";
+import { RunningResampler } from "../src/sound/running-resampler.js";
 
 const PIECE = 0.04; // seconds of sound that arrive together
 const ENDED = "The microphone gives no more sound; is it still connected, and allowed for this page?";

@@ -12,6 +12,7 @@ export { applyEnergy } from "./motion/energy.js";
 export { Motion } from "./motion/motion.js";
 export type { State } from "./motion/states.js";
 export { resample } from "./sound/resample.js";
+export { RunningResampler } from "./sound/running-resampler.js";
 export { readSound } from "./sound/wav.js";
 export { Gesturer } from "./synthesis/gesturer.js";
 export type { GenerateOptions, LoadOptions } from "./synthesis/gesturer.js";

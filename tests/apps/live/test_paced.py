@@ -32,9 +32,9 @@ class Standin:
         self.cleared.append(self.num_returned)
 
 
-def run(script, seconds=0.5):
+def run(script, seconds=0.5, stream: Any = None):
     """The stream, and the numbers and times of the frames shown, after a script that is told when a frame is shown."""
-    stream: Any = Standin()
+    stream = stream or Standin()
     shown = []
 
     async def main():
@@ -118,19 +118,22 @@ def test_after_clear_the_agent_is_silent_from_the_next_frame_on():
     assert len(stream.own) * FPS // RATE - len(shown) - DELAY + 1 in (0, 1)  # as much as time has passed
 
 
-def test_a_change_that_cannot_be_used_ends_the_run():
+def test_a_change_or_cue_that_cannot_be_used_does_not_end_the_run(caplog):
     class Refusing(Standin):
         def __setattr__(self, name, value):
-            if name == "state":
+            if name == "state" and value == "sleep":
                 raise UserError("no such state")
             super().__setattr__(name, value)
 
-    async def main(stream: Any, **changes):
-        paced = PacedStream(stream, show=stream.feed)
-        paced.change(**changes)
-        await paced.run()
+    def script(paced, number):
+        if number == 3:
+            with pytest.raises(UserError, match="a stream has no mute; expected state, muted"):
+                paced.change(mute=True)
+            with pytest.raises(UserError, match="no cue 'wave_hello'"):
+                paced.cue("wave_hello")
+            paced.change(state="sleep")
+            paced.change(state="think")
 
-    with pytest.raises(UserError, match="no such state"):
-        asyncio.run(main(Refusing(), state="sleep"))
-    with pytest.raises(UserError, match="a stream has no mute; expected state, muted"):
-        asyncio.run(main(Refusing(), mute=True))
+    stream, shown = run(script, stream=Refusing())
+    assert len(shown) > 10 and stream.state == "think"
+    assert "no such state" in caplog.text

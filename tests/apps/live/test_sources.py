@@ -34,7 +34,7 @@ def pcm(samples):
 def take(source, clock, seconds):
     """Return the chunks of the first seconds of a source."""
     stop, chunks = StopFlag(), []
-    for chunk in source.chunks(clock, stop):
+    for chunk in source.chunks(stop) if isinstance(source, sources.Inbox) else source.chunks(clock, stop):
         chunks.append(chunk)
         if sum(len(chunk.samples) for chunk in chunks) >= 16000 * seconds:
             stop.ask()
@@ -138,7 +138,11 @@ def test_stdin_that_cannot_be_read_ends_the_run():
 
 @pytest.mark.parametrize(
     ("kind", "rate", "message"),
-    [("FLAC", None, "what is sent is FLAC; send WAV or raw PCM"), ("WAV", 8000, "16000 samples a second, not 8000")],
+    [
+        ("FLAC", None, "what is sent is FLAC; send WAV or raw PCM"),
+        ("MP3", None, "what is sent is MP3; send WAV or raw PCM"),
+        ("WAV", 8000, "16000 samples a second, not 8000"),
+    ],
 )
 def test_other_files_and_another_rate_on_stdin_are_refused(kind, rate, message):
     soundfile.write(file := io.BytesIO(), tone(16000), 16000, format=kind)
@@ -149,7 +153,8 @@ def test_other_files_and_another_rate_on_stdin_are_refused(kind, rate, message):
 _WAITING = """
 import threading, time
 from ha2g_jax.apps.live.sources import Inbox, PipeSource
-threading.Thread(target=PipeSource(16000)._read, args=(Inbox(16000),), daemon=True).start()
+from ha2g_jax.apps.live.clock import Clock
+threading.Thread(target=PipeSource(16000)._read, args=(Inbox(16000, Clock()),), daemon=True).start()
 time.sleep(0.2)
 """
 
@@ -161,7 +166,7 @@ def test_a_program_ends_while_stdin_sends_nothing():
 
 
 def test_where_nothing_is_sent_silence_is_heard_and_the_clock_goes_on(clock):
-    source = sources.Inbox(16000)
+    source = sources.Inbox(16000, clock)
     source.put(tone(16000, 0.5))
     chunks = take(source, clock, 1.0)
     assert chunks[0].heard == 100
@@ -172,8 +177,8 @@ def test_where_nothing_is_sent_silence_is_heard_and_the_clock_goes_on(clock):
 
 
 def test_sound_after_a_pause_is_heard_when_it_arrives(clock):
-    source = sources.Inbox(16000)
-    heard = source.chunks(clock, StopFlag())
+    source = sources.Inbox(16000, clock)
+    heard = source.chunks(StopFlag())
     for _ in range(10):
         next(heard)
     source.put(tone(16000, 0.1))
@@ -183,7 +188,7 @@ def test_sound_after_a_pause_is_heard_when_it_arrives(clock):
 
 
 def test_sound_that_is_sent_ahead_is_heard_in_its_order(clock):
-    source = sources.Inbox(16000)
+    source = sources.Inbox(16000, clock)
     for _ in range(3):
         source.put(tone(16000, 0.5))
     chunks = take(source, clock, 1.5)
@@ -191,9 +196,27 @@ def test_sound_that_is_sent_ahead_is_heard_in_its_order(clock):
     assert 101.35 <= clock.now() <= 101.4  # and not before its time
 
 
+def test_a_run_that_was_held_up_catches_up(clock):
+    """Pieces of a microphone arrive all the while, and are heard when they arrived."""
+    source, stop, chunks = sources.Inbox(16000, clock), StopFlag(), []
+    sent = 0
+    for chunk in source.chunks(stop):
+        chunks.append(chunk)
+        if len(chunks) == 20:  # held up for a second
+            for _ in range(50):
+                clock.time += 0.02
+                source.put(tone(16000, 0.02))
+                sent += 1
+        if len(chunks) == 100:
+            stop.ask()
+    sound = [chunk for chunk in chunks if chunk.samples.any()]
+    assert sum(len(chunk.samples) for chunk in sound) == sent * 320
+    assert clock.now() - 0.05 < chunks[-1].heard + len(chunks[-1].samples) / 16000 < clock.now() + 0.05
+
+
 def test_a_sender_waits_while_too_much_sound_waits(monkeypatch):
     monkeypatch.setattr(sources, "_AHEAD_SECONDS", 0.1)
-    source = sources.Inbox(16000)
+    source = sources.Inbox(16000, Clock())
     count = 0
 
     def send():
@@ -287,6 +310,45 @@ def test_a_websocket_takes_binary_messages_of_one_sender(listening):
     np.testing.assert_allclose(sound[:16000], tone(16000), atol=1e-4)
 
 
+def test_a_sender_that_vanished_gives_its_place_to_the_next_one(listening, monkeypatch):
+    """It has lost its network: nothing answers, and nobody has closed the connection."""
+    monkeypatch.setattr(sources, "_ANSWER_SECONDS", 0.2)
+    address, chunks = listening
+    with connect_when_ready(address) as sender:
+        sender.send(pcm(tone(1600)))
+        wait_for(lambda: any(chunk.samples.any() for chunk in chunks))
+        monkeypatch.setattr(sender.protocol, "receive_data", lambda data: None)
+        chunks.clear()
+        with connect(str(address)) as other:
+            other.send(pcm(tone(1600)))
+            wait_for(lambda: any(chunk.samples.any() for chunk in chunks))
+
+
+def test_a_sender_that_is_too_far_ahead_is_told_so(listening, monkeypatch):
+    monkeypatch.setattr(sources, "_AHEAD_SECONDS", 2)
+    with connect_when_ready(listening[0]) as sender:
+        for _ in range(5):
+            sender.send(pcm(tone(16000)))
+        with pytest.raises(ConnectionClosed, match="2 s of sound wait to be heard; send later sound later"):
+            sender.recv(timeout=5)
+
+
+def test_after_a_clear_the_next_wav_is_heard_whole(listening):
+    """The rest of the WAV that was interrupted is never sent."""
+    address, chunks = listening
+    soundfile.write(first := io.BytesIO(), tone(16000, 10), 16000, format="WAV")
+    soundfile.write(second := io.BytesIO(), tone(16000, 0.5), 16000, format="WAV")
+    with connect_when_ready(address) as sender:
+        sender.send(first.getvalue()[:40_000])
+        sender.send('{"clear": true}')
+        sender.send(second.getvalue())
+    wait_for(lambda: any(chunk.change is not None for chunk in chunks))
+    start = next(index for index, chunk in enumerate(chunks) if chunk.change is not None)
+    wait_for(lambda: sum(np.count_nonzero(chunk.samples) for chunk in chunks[start:]) > 7800)
+    heard = joined([chunk for chunk in chunks[start:] if chunk.samples.any()])
+    np.testing.assert_allclose(heard[200:7800], tone(16000)[200:7800], atol=0.01)
+
+
 TEXTS = [
     *("text", "[]", "{}", '{"muted": 1}', '{"muted": true, "energy": 2}', "[" * 100_000, '{"state": "sleep"}'),
     *(
@@ -329,9 +391,9 @@ def test_a_sender_changes_the_stream_from_a_moment_on(listening):
 
 @pytest.mark.parametrize("rate", [16000, 24000])
 def test_a_clear_drops_the_sound_that_waits(clock, rate):
-    source, chunks = sources.Inbox(rate, 2), []
+    source, chunks = sources.Inbox(rate, clock, 2), []
     source.put(np.stack([tone(rate), -tone(rate)], axis=-1))
-    for chunk in source.chunks(clock, StopFlag()):
+    for chunk in source.chunks(StopFlag()):
         chunks.append(chunk)
         if len(chunks) == 3:
             source.put(Change(muted=True))

@@ -128,6 +128,18 @@ def test_pages_of_other_hosts_are_refused(debug_model):
             assert client.ask("GET", path, None, {"Origin": "https://evil.example"}).status == 403
 
 
+def test_a_page_of_a_named_origin_may_send_a_file_and_read_the_answer(debug_model):
+    """A browser asks first, without the token, and shows the page only what is allowed by the answer."""
+    asked = {"Access-Control-Request-Method": "POST", "Access-Control-Request-Headers": "authorization"}
+    allowed = "Access-Control-Allow-Origin"
+    with running(debug_model, origins=("https://good.example",), token=TOKEN) as client:
+        for origin, expected in (("https://good.example", "https://good.example"), ("https://evil.example", None)):
+            answer = client.ask("OPTIONS", "/v1/motion", None, {"Origin": origin} | asked)
+            assert (answer.status == 200, answer.headers[allowed]) == (expected is not None, expected)
+        answer = client.post("", wav(0.3), Origin="https://good.example", Authorization=f"Bearer {TOKEN}")
+        assert (answer.status, answer.headers[allowed]) == (200, "https://good.example")
+
+
 HOSTS = {  # of a request -> status without a token, and with one
     "127.0.0.1:8000": (200, 200),
     "LOCALHOST": (200, 200),

@@ -146,7 +146,7 @@ export class Stream {
     this.checkOpen();
     const { size, description } = this.sampler;
     const first = frame ?? this.numReturned;
-    const oldest = Math.max(this.numReturned - REMEMBERED_SECONDS * description.fps, 0);
+    const oldest = this.numReturned - (this.recent.length - this.join.first);
     if (!(Number.isInteger(first) && first >= oldest && first <= this.numReturned)) {
       throw new Error(`frame ${first} is not remembered; clear one of ${oldest} to ${this.numReturned}`);
     }
