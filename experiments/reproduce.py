@@ -43,7 +43,7 @@ from tables.plan import (
 from tables.report import Results, all_numbers, as_markdown, describe_work, figure
 from tables.runs import DEFAULT_SEEDS, Perform, Stop, add_options, perform_in_process, run_all, run_script
 from tables.tables import RowScores, every_number
-from tables.workdirs import Record, Run
+from tables.workdirs import Record, Run, is_finished
 
 from ha2g_jax.config import presets
 from ha2g_jax.errors import UserError
@@ -168,7 +168,8 @@ def _write_factorial(results: Results, out: pathlib.Path) -> bool:
 def _fill(request: Request, plan: TablePlan, perform: Callable[[Run, int, Stop], None], stop: Stop) -> dict[str, str]:
     """Train and score the missing runs; return the names of the runs without scores with the reason."""
     autoencoder = read_record(plan.autoencoder, plan, request)
-    if request.has_training and autoencoder.last_step < plan.autoencoder.config.train.steps:
+    is_there = is_finished(plan.autoencoder) or plan.kept.find(plan.autoencoder) is not None
+    if request.has_training and not is_there:
         if failed := run_all([plan.autoencoder], perform, stop, "pose auto-encoder"):
             raise UserError(f"the pose auto-encoder was not trained: {failed[plan.autoencoder.name]}")
     elif autoencoder.scored_step is None:

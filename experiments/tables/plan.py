@@ -9,13 +9,14 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from ha2g_jax.config import presets
+from ha2g_jax.config import presets, settings
 from ha2g_jax.data.corpus import FILE, Corpus
 from ha2g_jax.data.talk import build
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import file_sha256, reading, shown
 from ha2g_jax.files.writing import check_file
 from ha2g_jax.launch import load_config
+from ha2g_jax.metrics.legacy import check_rate
 from tables import factorial, paper_tables
 from tables.kept_runs import FILE as KEPT
 from tables.kept_runs import Kept, corpus_data, read_kept
@@ -45,6 +46,7 @@ _CORPORA = {
     (factorial.TABLE, False): ("talk-corpus", factorial.SPEAKERS, factorial.MINUTES),
 }
 _OPTIONS = {"seed": "--seeds", "data.path": "--data NAME:DIR"}  # settings that are options of their own
+_MOST_SEEDS = 1000
 _LONGEST_NAME = 200  # bytes of the name of a run; file systems allow 255
 _WHISPER = "model.audio.weights"
 _NO_WHISPER = f"it needs the weights of Whisper: --changes {_WHISPER}=FOLDER"
@@ -131,6 +133,8 @@ def plan_table(request: Request) -> TablePlan:
     plan = plan_rows(request, {row.name: (row.method, row.changes) for row in table.rows})
     if is_factorial:
         plan.rows[factorial.ORACLE] = plan.rows[factorial.ORACLE][:1]  # the gate is that of the first block
+    if request.has_legacy:
+        check_rate(plan.corpus.fps)
     left_out = {name: _NO_WHISPER for name, (run, *_) in plan.rows.items() if _lacks_whisper(run)}
     rate = {name: value for name, value in request.changes.items() if name == "data.fps"}  # that of the corpus
     autoencoder = _run(request._replace(changes=rate), plan, "autoencoder", {}, "", 0)
@@ -202,15 +206,15 @@ def plan_grid(spec: str, workdir: pathlib.Path, grids: Sequence[str], overrides:
     labels = {key: name if list(short.values()).count(name) == 1 else key for key, name in short.items()}
     runs = []
     for point in itertools.product(*values.values()):
-        settings = dict(zip(values, point, strict=True))
-        name = ",".join(f"{labels[key]}={value}" for key, value in settings.items())
+        chosen = dict(zip(values, point, strict=True))
+        name = ",".join(f"{labels[key]}={value}" for key, value in chosen.items())
         name = re.sub(r"[^\w.,=+-]+", "_", re.sub(r"[][(){}\s]", "", name))
-        config = load_config(spec, [*overrides, *(f"--config.{key}={value}" for key, value in settings.items())])
-        if settings in [run.changed for run in runs]:
+        config = load_config(spec, [*overrides, *(f"--config.{key}={value}" for key, value in chosen.items())])
+        if chosen in [run.changed for run in runs]:
             raise UserError(f"two runs of the grid {' '.join(grids)} are the same; give every value once")
         if len(name.encode()) > _LONGEST_NAME or name in {run.name for run in runs}:
-            name = f"{name[: _LONGEST_NAME // 4]}-{digest(settings)}"
-        runs.append(Run(name, config.seed, config, workdir / name, settings))
+            name = f"{name[: _LONGEST_NAME // 4]}-{digest(chosen)}"
+        runs.append(Run(name, config.seed, config, workdir / name, chosen))
     return runs
 
 
@@ -258,6 +262,8 @@ def parse_seeds(text: str) -> tuple[int, ...]:
     if not all(part.strip().isdecimal() for part in parts if part.strip()) or not text.strip(", "):
         raise UserError(f"--seeds {text} is neither a number of seeds nor a list such as 0,5,7")
     numbers = tuple(int(part) for part in parts if part.strip())
+    if "," not in text and numbers[0] > _MOST_SEEDS:
+        raise UserError(f"--seeds {text} is a number of seeds, at most {_MOST_SEEDS}; give '{text},' for one seed")
     seeds = numbers if "," in text else tuple(range(numbers[0]))
     if not seeds or len(set(seeds)) < len(seeds):
         raise UserError(f"--seeds {text} gives {'a seed twice' if seeds else 'no seed'}; give one or more, each once")
@@ -328,6 +334,7 @@ def _run(request: Request, plan: Plan, method: str, changes: Mapping[str, Any], 
         plain = presets.make(request.data, request.size, method, {**asked, **more})
     except (KeyError, TypeError, ValueError) as error:  # ml_collections' for a key or a type that is not there
         raise UserError(f"--changes do not fit: {' '.join(str(error).split())}; see ha2g train --help") from error
+    settings.check(config)
     values = json.loads(config.to_json())
     is_plain = values == json.loads(plain.to_json())
     label = method if is_plain else f"{method}-{re.sub('[^a-z0-9]+', '-', row.lower()).strip('-')}"

@@ -55,11 +55,7 @@ def batches(
     Raises:
         UserError: there are fewer windows than B, the hosts do not divide B, or there is too little shared memory.
     """
-    if batch_size > len(windows):
-        raise UserError(
-            f"a batch of {batch_size} is more than the {len(windows)} windows of the split; "
-            "lower --config.train.batch_size or use more data"
-        )
+    check_batch(batch_size, windows)
     if batch_size % num_hosts:
         raise UserError(
             f"a batch of {batch_size} is not divisible by {num_hosts} hosts; "
@@ -82,6 +78,15 @@ def batches(
         iterator.get_state()  # creates the iterators of the workers, which can then be started
         iterator.start_prefetch()
     return iterator
+
+
+def check_batch(batch_size: int, windows: Windows) -> None:
+    """Raise a `UserError` if there are fewer windows than a batch has."""
+    if batch_size > len(windows):
+        raise UserError(
+            f"a batch of {batch_size} is more than the {len(windows)} windows of the split; "
+            "lower --config.train.batch_size or use more data"
+        )
 
 
 def batch_names(windows: Windows, batch_size: int, seed: int, number: int) -> list[str]:

@@ -78,8 +78,8 @@ def from_corpus(
     Raises:
         UserError: see `generated`.
     """
-    truth = true(corpus, split, seed=seed, limit=limit, with_audio=with_audio)
-    return generated(model, corpus, split, seed=seed, limit=limit, look_ahead=look_ahead), truth
+    motion = generated(model, corpus, split, seed=seed, limit=limit, look_ahead=look_ahead)
+    return motion, true(corpus, split, seed=seed, limit=limit, with_audio=with_audio)
 
 
 def true(
@@ -155,11 +155,15 @@ def _each_clip(
     title: str,
     read: Callable[[Clips, int], ClipResult],
 ) -> list[ClipResult]:
+    _check_clips(corpus, split)
     clips = corpus.clips(split)
     chosen = sample(len(clips), limit, seed)
-    if not chosen:
-        raise UserError(f"{corpus.path} has no clip in the split {split}; choose another of {', '.join(corpus.splits)}")
     return list(track(in_threads(functools.partial(read, clips), chosen), title, "clip", len(chosen)))
+
+
+def _check_clips(corpus: Corpus, split: str) -> None:
+    if not len(corpus.clips(split)):
+        raise UserError(f"{corpus.path} has no clip in the split {split}; choose another of {', '.join(corpus.splits)}")
 
 
 def in_threads(function: Callable[[Item], Value], items: Iterable[Item]) -> Iterator[Value]:
@@ -179,7 +183,12 @@ def split_limits(corpus: Corpus, splits: Sequence[str]) -> dict[str, int | None]
     """Return how many clips of each split are scored at most; None for all.
 
     Of the training split as many clips are scored as the largest other split has.
+
+    Raises:
+        UserError: there is no such split, or it has no clip.
     """
+    for name in splits:
+        _check_clips(corpus, name)
     most = max((len(corpus.clips(name)) for name in splits if name != TRAIN), default=_TRAIN_CLIPS)
     return {name: most if name == TRAIN else None for name in splits}
 

@@ -113,7 +113,7 @@ def evaluate(
     """
     if not rows or not reference:
         raise UserError("nothing to evaluate; give the motion of at least one method and of the reference")
-    _check_autoencoder(autoencoder, skeleton, reference[0].fps)
+    check_autoencoder(autoencoder, skeleton, reference[0].fps)
     if legacy:
         check_rate(reference[0].fps)
     made = make_rows(rows, reference, skeleton, training=training, autoencoder=autoencoder, seed=seed)
@@ -293,7 +293,8 @@ def _value(row: Mapping[str, Any], key: str) -> float | None:
     return row[key]["value"] if key in row else None
 
 
-def _check_autoencoder(autoencoder: "PoseFeatures | None", skeleton: Skeleton, fps: float) -> None:
+def check_autoencoder(autoencoder: "PoseFeatures | None", skeleton: Skeleton, fps: float) -> None:
+    """Raise a `UserError` if a pose auto-encoder was trained on motion of another skeleton or frame rate."""
     if autoencoder is not None and (autoencoder.skeleton.name, autoencoder.fps) != (skeleton.name, fps):
         raise UserError(
             f"the pose auto-encoder is of the skeleton {autoencoder.skeleton.name} at {autoencoder.fps:g} frames per "

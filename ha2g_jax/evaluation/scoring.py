@@ -11,8 +11,8 @@ from ha2g_jax import __version__, metrics
 from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.data.talk import build
 from ha2g_jax.errors import UserError
-from ha2g_jax.evaluation.clip_result import from_corpus, split_limits, training_motion
-from ha2g_jax.evaluation.evaluate import LEVEL, evaluate, measure, score_as_json
+from ha2g_jax.evaluation.clip_result import check_fit, from_corpus, split_limits, training_motion
+from ha2g_jax.evaluation.evaluate import LEVEL, check_autoencoder, evaluate, measure, score_as_json
 from ha2g_jax.evaluation.motion_folders import BEAT2, FPS, find_motions, from_folders, read_directions, score_beat2
 from ha2g_jax.evaluation.table import PARTS
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
@@ -129,8 +129,11 @@ def evaluate_checkpoint(
     with stage("loading the model"):
         features, model = _features(autoencoder), synthesis.load(checkpoint)
     corpus = Corpus.open(build.talk_path(str(data)))
+    # Before motion is generated:
+    check_fit(model, corpus)
+    check_autoencoder(features, corpus.skeleton, corpus.fps)
     if legacy:
-        check_rate(corpus.fps)  # before motion is generated
+        check_rate(corpus.fps)
     limits = split_limits(corpus, _choose_splits(corpus) if splits is None else splits)
     if limit is not None:
         limits = {name: limit if most is None else min(limit, most) for name, most in limits.items()}

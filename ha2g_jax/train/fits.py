@@ -12,7 +12,7 @@ from ha2g_jax.checkpoint.assets import STATISTICS, Assets
 from ha2g_jax.config import settings
 from ha2g_jax.config.settings import Config
 from ha2g_jax.data.corpus import Corpus
-from ha2g_jax.errors import UserError
+from ha2g_jax.errors import UserError, require
 from ha2g_jax.files.reading import reading, shown
 from ha2g_jax.methods import METHODS
 from ha2g_jax.methods.method import Spec
@@ -54,6 +54,8 @@ def check_machine(config: Config) -> None:
             f"config.train.devices is {config.train.devices}, but a run of {jax.process_count()} processes uses all "
             "devices: set --config.train.devices=0"
         )
+    if config.train.wandb:
+        require("wandb", "wandb", by="config.train.wandb")
     if config.train.sample_every and config.method not in METHODS:
         raise UserError(f"{config.method} generates no motion to show: set --config.train.sample_every=0")
 

@@ -201,14 +201,16 @@ def calm_starts(windows: Windows, mean_directions: np.ndarray, num_frames: int) 
 
     There are at most 16, and at most one from each clip; the mean directions are (bones, 3).
     """
-    starts = np.stack([windows.directions(index)[:num_frames] for index in range(len(windows))])
-    distance = np.linalg.norm(starts - mean_directions, axis=-1).mean(axis=(1, 2))
-    motion = np.linalg.norm(np.diff(starts, axis=1), axis=-1).sum(axis=1).mean(axis=-1)
-    near = np.argsort(distance, kind="stable")[: max(_NUM_STARTS, len(starts) // 4)]
+    distance, motion = np.zeros((2, len(windows)), np.float32)
+    for index in range(len(windows)):  # one after the other, as together they are as large as the motion of the corpus
+        start = windows.directions(index)[:num_frames]
+        distance[index] = np.linalg.norm(start - mean_directions, axis=-1).mean()
+        motion[index] = np.linalg.norm(np.diff(start, axis=0), axis=-1).sum(axis=0).mean()
+    near = np.argsort(distance, kind="stable")[: max(_NUM_STARTS, len(windows) // 4)]
     calmest: dict[int, int] = {}
     for index in near[np.argsort(motion[near], kind="stable")]:
         calmest.setdefault(windows.clip_index(index), index)
-    return starts[list(calmest.values())[:_NUM_STARTS]]
+    return np.stack([windows.directions(index)[:num_frames] for index in list(calmest.values())[:_NUM_STARTS]])
 
 
 def speaker_identities(

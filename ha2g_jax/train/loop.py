@@ -21,7 +21,7 @@ from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.checkpoint.checkpoints import Checkpoints
 from ha2g_jax.checkpoint.state import TrainState
 from ha2g_jax.config.settings import Config
-from ha2g_jax.data.batches import batch_names
+from ha2g_jax.data.batches import batch_names, check_batch
 from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.data.windows import Windows
 from ha2g_jax.errors import UserError
@@ -84,7 +84,11 @@ def _train(
     objective = build_objective(config, corpus.skeleton, len(vocabulary), len(speakers))
     spec = objective.spec
     fits.check_augmentation(config, spec)
+    latest = Checkpoints(workdir / LATEST, keep=config.train.keep)
+    # A checkpoint has these weights already, and their files may be gone.
+    pretrained = {} if latest.steps() else inputs.pretrained(config, spec, vocabulary)
     windows = inputs.open_windows(config, spec, corpus, vocabulary, TRAIN)
+    check_batch(config.train.batch_size, windows)
     held_out = inputs.open_validation(config, spec, corpus, vocabulary)
     if held_out is None and hosts.is_first():
         tqdm.tqdm.write(
@@ -93,14 +97,11 @@ def _train(
             file=sys.stderr,
         )
     batch_size, num_steps = config.train.batch_size, config.train.steps
-    latest = Checkpoints(workdir / LATEST, keep=config.train.keep)
-    # A checkpoint has these weights already, and their files may be gone.
-    pretrained = {} if latest.steps() else inputs.pretrained(config, spec, vocabulary)
     if hosts.is_first():
         held.enter_context(only_run(workdir))
 
     stop.enter_compiler()
-    warmup_steps = config.train.warmup_epochs * (len(windows) // batch_size)
+    warmup_steps = min(config.train.warmup_epochs * (len(windows) // batch_size), num_steps)
     objective = dataclasses.replace(objective, warmup_steps=warmup_steps)
     mesh = sharding.data_mesh(jax.devices()[: config.train.devices or None])
     init_key, key = jax.random.split(jax.random.key(config.seed))

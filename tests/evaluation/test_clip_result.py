@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from ha2g_jax.data.corpus import Corpus
+from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation import clip_result
 from ha2g_jax.evaluation.clip_result import clip_identity
 from ha2g_jax.skeleton import positions_to_directions
@@ -63,3 +64,5 @@ def test_of_the_training_split_as_many_clips_are_scored_as_another_has(corpus):
     most = max(len(corpus.clips(name)) for name in ("val", "test"))
     assert clip_result.split_limits(corpus, ["train", "val", "test"]) == {"train": most, "val": None, "test": None}
     assert clip_result.split_limits(corpus, ["train"]) == {"train": 40}
+    with pytest.raises(UserError, match="tset"):
+        clip_result.split_limits(corpus, ["val", "tset"])

@@ -120,6 +120,18 @@ def test_several_runs_work_at_once(request_):
     assert runs.workers == {0, 1} and len(runs.trained) == 2
 
 
+def test_an_auto_encoder_without_its_last_checkpoint_is_trained_to_its_end(request_):
+    """It was killed behind the last line of its metrics, before the checkpoint was written."""
+    request = request_._replace(table="table12", seeds=(0,))
+    run_study(request, FakeRuns())
+    autoencoder = plan_table(request).autoencoder
+    (autoencoder.workdir / "latest" / str(autoencoder.config.train.steps)).rename(autoencoder.workdir / "latest" / "1")
+    runs = FakeRuns()
+    runs._train = lambda run: runs.trained.append(run.name)  # type: ignore[method-assign]
+    run_study(request, runs)
+    assert runs.trained == [autoencoder.name]
+
+
 def test_a_signal_stops_and_the_same_request_continues(request_):
     class Signalled(FakeRuns):
         def __call__(self, request, run, worker, stop):
@@ -144,6 +156,7 @@ def test_a_signal_stops_and_the_same_request_continues(request_):
     [
         ({"table": "gesture_ablation"}, "choose table4"),
         ({"changes": {"train.stps": 3}}, "no setting 'train.stps'"),
+        ({"changes": {"train.schedule": "cosin"}}, "train.schedule is 'cosin'"),
         ({"has_training": False}, "leave out --no-train"),
     ],
 )
@@ -159,6 +172,7 @@ def test_a_request_that_cannot_be_met_starts_nothing(request_, change, message):
     [
         (["--data", "tedd"], "no data 'tedd'; expected one of talk"),
         (["--data", "talk", "--seeds", "0,0"], "gives a seed twice"),
+        (["--data", "talk", "--seeds", "20240101"], "at most 1000; give '20240101,' for one seed"),
         (["--data", "bvh:nowhere"], "no corpus in"),
     ],
 )

@@ -136,6 +136,8 @@ def test_any_checkpoint_can_be_exported(run, tmp_path):
     [
         ({"devices": 99}, "there are 8 devices, not 99"),
         ({"devices": 4, "batch_size": 6}, "a batch of 6 does not split over 4 devices"),
+        ({"batch_size": 8000}, "a batch of 8000 is more than the [0-9]+ windows of the split"),
+        ({"init_from": "nowhere"}, "nowhere"),
     ],
 )
 def test_settings_that_cannot_be_used_leave_nothing_behind(settings, why, config_for, tmp_path):
