@@ -19,7 +19,9 @@ from ha2g_jax.features.text import Word
 from ha2g_jax.files.reading import check_regular, reading, resolved, shown, why_not_there
 from ha2g_jax.files.writing import check_kept, do_each, whole_file
 from ha2g_jax.motion import formats, rigs
+from ha2g_jax.motion.control import NEUTRAL
 from ha2g_jax.motion.cues import Cue
+from ha2g_jax.motion.cues.cue import CLIP
 from ha2g_jax.motion.cues.reading import read_clip
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.progress import stage
@@ -325,6 +327,9 @@ def _others(transcript: pathlib.Path | None, options: Options) -> list[Path]:
     if isinstance(seed_pose, Path):
         paths.append(seed_pose)
     style = options.get("style")
+    paths += [pin.path for pin in options.get("controls", NEUTRAL).pins if pin.path is not None]
+    names = [cue.name if isinstance(cue, Cue) else cue for cue in options.get("cues", ())]
+    paths += [name.removeprefix(CLIP) for name in names if name.startswith(CLIP)]
     images = None if style is None else style.images
     return [*paths, *([images] if isinstance(images, Path) else images or ())]
 

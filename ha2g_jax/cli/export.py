@@ -104,7 +104,10 @@ def _export(arguments: argparse.Namespace) -> None:
     from ha2g_jax.features.words import split_speaker
 
     words = None if arguments.words is None else split_speaker(arguments.words)[0]
-    check_kept([arguments.out], [*arguments.motions, arguments.audio, words])
+    check_kept(
+        [arguments.out],
+        [*arguments.motions, arguments.audio, words, _joint_map(arguments)],
+    )
     from ha2g_jax.motion.readers import check_reading
 
     check_reading(arguments.motions, **reading(arguments))
@@ -117,6 +120,10 @@ def _export(arguments: argparse.Namespace) -> None:
     else:
         _draw_key_frames(arguments)
     print(arguments.out)
+
+
+def _joint_map(arguments: argparse.Namespace) -> pathlib.Path | None:
+    return None if arguments.joint_map is None else pathlib.Path(arguments.joint_map)  # or a name, which is no result
 
 
 def _export_motion(arguments: argparse.Namespace, suffix: str) -> None:
@@ -157,7 +164,7 @@ def _export_each(arguments: argparse.Namespace, suffix: str) -> None:
             if tasks.setdefault(name, path) != path:
                 raise UserError(f"two motions would be written to {shown(path.stem)}{suffix}; export them one by one")
     outs = {arguments.out / f"{name}{suffix}": path for name, path in tasks.items()}
-    check_kept(list(outs), list(outs.values()))
+    check_kept(list(outs), [*outs.values(), _joint_map(arguments)])
     check_reading(list(outs.values()), **reading(arguments))
     rig = arguments.rig or rigs.OWN
     formats.choose_rig(next(iter(outs)), rig)

@@ -178,6 +178,7 @@ def run(arguments: argparse.Namespace) -> None:
         from ha2g_jax.motion import control
         from ha2g_jax.motion.cues.reading import read_cues
 
+    media = arguments.speech[0] if len(arguments.speech) == 1 else None
     controls = dataclasses.replace(
         read_amounts(arguments),
         pins=tuple(control.read_pin(pin) for pin in arguments.pin),
@@ -196,7 +197,7 @@ def run(arguments: argparse.Namespace) -> None:
         fps=arguments.fps,
         smoothing=arguments.smooth,
         controls=controls,
-        cues=() if arguments.cues is None else read_cues(arguments.cues),
+        cues=() if arguments.cues is None else read_cues(arguments.cues, media),
         words=arguments.words,
         size=None if arguments.size is None else read_size(arguments.size),
         camera=arguments.camera,

@@ -205,7 +205,7 @@ def list_motions(folder: pathlib.Path) -> dict[str, pathlib.Path]:
     for path in sorted(paths, key=lambda path: (kinds[path.suffix.lower()], path)):
         if not path.name.startswith(".") and path.name != MANIFEST:
             name = path.relative_to(folder).with_suffix("").as_posix()
-            clip = name.removesuffix(_GENERATED)
+            clip = re.sub(rf"{_GENERATED}(_seed\d+)?$", "", name)
             if path.suffix.lower() != ".json" or clip not in clips:
                 found.setdefault(name, path)
                 clips.add(clip)

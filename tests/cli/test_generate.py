@@ -9,6 +9,7 @@ import av
 import numpy as np
 import pytest
 import soundfile
+from fixtures.motions import swaying
 from fixtures.pages import Page
 
 from ha2g_jax import cli
@@ -170,6 +171,8 @@ def bad_files(debug_folder, speech, tmp_path):
     for name in ("film.mp4", "film_gestures.mp4", "speech.flac"):
         (folder / name).write_bytes(speech.read_bytes())
     (folder / "text.png").write_text("not a picture")
+    swaying().save(folder / "wave.npz")
+    (folder / "cues.jsonl").write_text(json.dumps({"cue": f"clip:{folder}/wave.npz", "time": 0.5}))
     (folder / "no_model").mkdir()
     (folder / "cut_model").mkdir()
     for path in debug_folder.iterdir():
@@ -195,6 +198,8 @@ MISTAKES = {
     "cut checkpoint": ["{speech}", "--checkpoint", "{bad}/cut_model"],
     "unwritable": ["{speech}", "-o", "{bad}/text.wav/out"],
     "overwrites the speech": ["{bad}/film.mp4", "-o", "{bad}/film"],
+    "overwrites the motion of a pin": ["{speech}", "--pin", "0:1:{bad}/wave.npz", "-o", "{bad}/wave.npz"],
+    "overwrites the clip of a cue": ["{speech}", "--cues", "{bad}/cues.jsonl", "-o", "{bad}/wave.npz"],
 }
 
 

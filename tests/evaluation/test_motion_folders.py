@@ -8,7 +8,7 @@ import soundfile
 from fixtures.motions import swaying
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.evaluation.motion_folders import from_folders, read_directions
+from ha2g_jax.evaluation.motion_folders import from_folders, list_motions, read_directions
 from ha2g_jax.metrics.beats.stops import angle_change_rates, make_clips
 from ha2g_jax.motion import formats
 from ha2g_jax.motion.motion import Motion
@@ -160,3 +160,10 @@ def test_what_is_no_motion_is_refused(change, message, skeleton, tmp_path):
     (tmp_path / "a.json").write_text(json.dumps({name: value for name, value in values.items() if value is not None}))
     with pytest.raises(UserError, match=rf"a\.json.*{message}"):
         read_directions(tmp_path / "a.json", skeleton.name)
+
+
+def test_a_transcript_beside_takes_is_no_motion(tmp_path):
+    (tmp_path / "talk.json").write_text('{"segments": []}')
+    for seed in (0, 1):
+        swaying().save(tmp_path / f"talk_gestures_seed{seed}.npz")
+    assert sorted(list_motions(tmp_path)) == ["talk_gestures_seed0", "talk_gestures_seed1"]

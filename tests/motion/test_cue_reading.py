@@ -41,6 +41,14 @@ def test_a_marker_belongs_to_the_word_after_it_else_to_the_one_before(tmp_path):
     assert [cue.time for cue in read] == [words["three"], words["well"], words["well"], 5.0, words["bye"]]
 
 
+def test_cues_in_subtitles_count_from_the_beginning_of_the_video(tmp_path, monkeypatch):
+    """Its sound, from which a motion counts, begins two seconds later."""
+    monkeypatch.setattr(reading, "sound_delay", lambda media: 2.0)
+    (tmp_path / "talk.srt").write_text(TALK)
+    plain, late = (reading.read_cues(tmp_path / "talk.srt", media) for media in (None, tmp_path / "talk.mp4"))
+    assert [cue.time for cue in late] == [max((cue.time or 0) - 2, 0) for cue in plain]
+
+
 def test_timed_words_of_a_vtt_keep_their_times(tmp_path):
     text = "WEBVTT\n\n00:01.000 --> 00:04.000\nso<00:01.500><c> [clip:a b.bvh] today</c><00:02.500><c> we [bow]</c>\n"
     (tmp_path / "talk.vtt").write_text(text)

@@ -51,7 +51,7 @@ def write_overlay(
     with (
         _named(video),
         whole_file(path) as temporary,
-        av.open(str(temporary), "w", format="mp4", options=options) as container,
+        av.open(f"file:{temporary}", "w", format="mp4", options=options) as container,
     ):
         drawn = _drawn_images(video, image_points, confidence)
         first = next(drawn)

@@ -27,6 +27,7 @@ class Pin(NamedTuple):
         pose: (bones, 3) unit vectors; None for the rest pose.
         name: name of the pose for the record of the controls.
         skeleton: name of the skeleton of the pose, "" where it is not known.
+        path: file that the pose was read from.
     """
 
     start: float
@@ -34,6 +35,7 @@ class Pin(NamedTuple):
     pose: np.ndarray | None = None
     name: str = "rest"
     skeleton: str = ""
+    path: pathlib.Path | None = None
 
 
 class Span(NamedTuple):
@@ -149,7 +151,7 @@ def read_pin(text: str) -> Pin:
     if not 0 <= moment <= last:
         raise UserError(f"{shown(path)} has no pose at {moment:g} s; expected 0 to {last:.3f}")
     (posed,) = sample(motion.directions, np.array([moment * motion.fps]))
-    return Pin(*moments, posed, f"{shown(path.name)}@{moment:g}", motion.meta["skeleton"])
+    return Pin(*moments, posed, f"{shown(path.name)}@{moment:g}", motion.meta["skeleton"], path)
 
 
 def read_mute(text: str) -> Span:

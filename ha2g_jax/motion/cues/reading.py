@@ -8,6 +8,7 @@ import re
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.features import words as transcripts
+from ha2g_jax.features.audio import sound_delay
 from ha2g_jax.features.words.encodings import read_text
 from ha2g_jax.files.reading import naming, parse_json, shown
 from ha2g_jax.motion.cues.cue import CLIP, Cue, check_cue, check_name
@@ -47,11 +48,12 @@ def read_cue(text: str, *, has_files: bool = False) -> Cue:
     return check_cue(Cue(name, time, word))
 
 
-def read_cues(path: str | os.PathLike) -> tuple[Cue, ...]:
+def read_cues(path: str | os.PathLike, media: pathlib.Path | None = None) -> tuple[Cue, ...]:
     """Read the cues of a file: of lines of JSON (`.jsonl`, see `read_cue`), or of subtitles (`.srt`, `.vtt`).
 
     In subtitles a cue stands in brackets before its word, as in "there are [count:3] three of them", or else after it;
-    one that is alone in a subtitle peaks at its beginning.
+    one that is alone in a subtitle peaks at its beginning. Subtitles count from the beginning of the recording `media`,
+    whose sound may begin later, and the times of the cues from that of its sound.
 
     Raises:
         UserError: the file cannot be read, is of another kind, or has no cues or a cue that there is not.
@@ -60,7 +62,7 @@ def read_cues(path: str | os.PathLike) -> tuple[Cue, ...]:
     if path.suffix.lower() not in SUFFIXES:
         raise UserError(f"{shown(path)} is no file of cues; expected one of {', '.join(SUFFIXES)}")
     text = read_text(path)
-    cues = _of_lines(text, path) if path.suffix.lower() == ".jsonl" else _of_subtitles(text, path)
+    cues = _of_lines(text, path) if path.suffix.lower() == ".jsonl" else _of_subtitles(text, path, media)
     if not cues:
         raise UserError(f"{shown(path)} has no cues; write lines such as {_EXPECTED}, or [nod] before a word")
     return cues
@@ -77,7 +79,7 @@ def _of_lines(text: str, path: pathlib.Path) -> tuple[Cue, ...]:
     return tuple(cues)
 
 
-def _of_subtitles(text: str, path: pathlib.Path) -> tuple[Cue, ...]:
+def _of_subtitles(text: str, path: pathlib.Path, media: pathlib.Path | None) -> tuple[Cue, ...]:
     with naming(path):
         markers = {marker: check_name(marker) for marker in dict.fromkeys(_MARKER.findall(text))}
     if not markers:
@@ -91,6 +93,7 @@ def _of_subtitles(text: str, path: pathlib.Path) -> tuple[Cue, ...]:
     words = transcripts.parse_words(text, path) if places else ()
     if [found[index].text for index in places] != [word.text for word in words]:
         raise UserError(f"{shown(path)} has cues that are at no word; put each one right before a word")
+    delay = 0.0 if media is None else sound_delay(media)
     starts = dict(zip(places, (word.start for word in words), strict=True))
     breaks = [index for index in range(1, len(found)) if found[index].start - found[index - 1].end >= _GAP]
     cues = []
@@ -98,7 +101,8 @@ def _of_subtitles(text: str, path: pathlib.Path) -> tuple[Cue, ...]:
         for index in range(first, end):
             if (text := found[index].text) in placeholders:
                 near = [place for place in (*range(index, end), *range(index, first - 1, -1)) if place in starts]
-                cues.append(Cue(markers[placeholders[text]], starts[near[0]] if near else found[index].start))
+                start = starts[near[0]] if near else found[index].start
+                cues.append(Cue(markers[placeholders[text]], max(start - delay, 0.0)))
     return tuple(cues)
 
 

@@ -15,6 +15,11 @@ from ha2g_jax.files.writing import whole_file
 from ha2g_jax.motion.armature import Animation
 
 _SCRIPT = "ha2g_blender.py"
+# Folders of Blender on macOS and Windows, where it is not on PATH, and the program in them.
+_PLACES = {
+    "/Applications": "Blender*.app/Contents/MacOS/Blender",
+    r"C:\Program Files\Blender Foundation": "Blender*/blender.exe",
+}
 
 
 def find_blender() -> list[str]:
@@ -28,11 +33,12 @@ def find_blender() -> list[str]:
     script = next((str(folder / _SCRIPT) for folder in folders if (folder / _SCRIPT).is_file()), _SCRIPT)
     if importlib.util.find_spec("bpy"):
         return [sys.executable, script, "--"]
-    if program := shutil.which("blender"):
-        return [program, "--background", "--python-exit-code", "1", "--python", script, "--"]
+    installed = [path for folder, program in _PLACES.items() for path in pathlib.Path(folder).glob(program)]
+    if program := shutil.which("blender") or max(installed, default=None):  # the newest version
+        return [str(program), "--background", "--python-exit-code", "1", "--python", script, "--"]
     raise UserError(
-        "FBX is written by Blender, which is not here; install it or its Python package bpy, or export .glb and run, "
-        f"where Blender is: blender --background --python {script} -- MOTION.glb -o MOTION.fbx"
+        "FBX is written by Blender, which is not on PATH; install it or its Python package bpy, or export .glb and "
+        f"run, where Blender is: blender --background --python {script} -- MOTION.glb -o MOTION.fbx"
     )
 
 

@@ -12,6 +12,7 @@ from ha2g_jax.files.writing import whole_file
 from ha2g_jax.motion import rotations
 from ha2g_jax.motion.armature import Animation, figure_armature
 from ha2g_jax.motion.formats.body_mesh import COLOURS, body_mesh
+from ha2g_jax.motion.lower_body import SOLE
 from ha2g_jax.motion.rigs import rest_positions
 from ha2g_jax.skeleton import Skeleton
 
@@ -108,7 +109,7 @@ class Document:
         gltf.nodes.append(pygltflib.Node(name=armature.name, children=[nodes[0]]))
         self.roots.append(top)
         for index, name in enumerate(armature.joints):
-            place = animation.translation[0] if index == 0 else armature.offsets[index]
+            place = _rest_place(animation) if index == 0 else armature.offsets[index]
             children = [nodes[child] for child, parent in enumerate(armature.parents) if parent == index]
             gltf.nodes.append(
                 pygltflib.Node(
@@ -129,7 +130,7 @@ class Document:
             target = pygltflib.AnimationChannelTarget(node=node, path=path)
             clip.channels.append(pygltflib.AnimationChannel(sampler=len(clip.samplers) - 1, target=target))
 
-        if np.ptp(animation.translation, axis=0).max() > _STILL:
+        if _moves(animation):
             add(nodes[0], "translation", animation.translation)
         for index, node in enumerate(nodes):
             rotations = animation.rotations[:, index]
@@ -147,6 +148,21 @@ class Document:
             temporary.write_bytes(b"".join(self.gltf.save_to_bytes()))
 
 
+def _moves(animation: Animation) -> bool:
+    return np.ptp(animation.translation, axis=0).max() > _STILL
+
+
+def _rest_place(animation: Animation) -> np.ndarray:
+    """Return the place (3,) of the root in the rest pose: where it stays, or else where a person stands at the origin.
+
+    Players of VRM scale the movement of the hips by their height at rest, which is not that of a person who sits.
+    """
+    if not _moves(animation):
+        return animation.translation[0]
+    _, positions = rest_positions(animation.armature)
+    return np.array([0.0, SOLE - positions[:, 1].min(), 0.0])
+
+
 def _plain(values: np.ndarray) -> list[float]:
     # Rounded, because 1 and the last bit of a unit quaternion is out of glTF's range.
     return [round(float(value), 9) + 0.0 for value in values]
@@ -161,7 +177,7 @@ def _extras(animation: Animation, duration: float | None, audio_name: str | None
 
 def _add_body(document: Document, animation: Animation, nodes: list[int]) -> None:
     gltf = document.gltf
-    root = animation.translation[0]
+    root = _rest_place(animation)
     parts = body_mesh(animation.armature)
     primitives = []
     for colour, part in parts.items():

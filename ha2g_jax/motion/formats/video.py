@@ -89,7 +89,7 @@ def write_video(
     with (
         whole_file(path) as temporary,
         concurrent.futures.ThreadPoolExecutor(workers or os.cpu_count()) as executor,
-        av.open(str(temporary), "w", format="mp4", options=options) as container,
+        av.open(f"file:{temporary}", "w", format="mp4", options=options) as container,
         progress_bar("drawing the video", frames, "frame", is_shown=has_progress) as bar,
     ):
         video = container.add_stream("libx264", rate=rate, options=_ENCODER)

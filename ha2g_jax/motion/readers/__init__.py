@@ -215,7 +215,7 @@ def _read_json(path: pathlib.Path) -> Mapping[str, Any]:
             "joint_names (J,)"
         )
     if "asset" in content:
-        raise UserError(f"{shown(path)} is glTF in several files; export it as .glb, which is one")
+        raise UserError(f"{shown(path)} is glTF as text (.gltf); export it as .glb")
     return {name: content[name] for name in (*array_files.ARRAYS, *trees.TABLE) if name in content}
 
 

@@ -16,6 +16,7 @@ from ha2g_jax.motion.lower_body import JOINTS as LOWER_JOINTS
 from ha2g_jax.motion.lower_body import LowerBody
 from ha2g_jax.motion.readers.body import (
     ARM,
+    ARM_RANGE,
     FACE,
     MAX_MINUTES,
     MIN_BONE,
@@ -44,7 +45,8 @@ TREES = (".bvh", ".glb", ".vrma", ".csv")
 _EXPECTED = f"motion of joints: {', '.join(TREES)}"
 _HEAD = 64  # bytes that show the kind of a file
 _AXES = "XYZ"
-_UNITS = (0.001, 0.01, 0.0254, 1.0)  # millimetres, centimetres, inches, metres
+_METRIC_UNITS = (0.001, 0.01, 1.0)  # millimetres, centimetres, metres
+_UNITS = (*_METRIC_UNITS, 0.0254)  # inches
 _FEET_FPS = 2.0
 _LEG_BONES = ((1, 5), (1, 2), (2, 3), (5, 6), (6, 7))  # of `LOWER_JOINTS`, with the line of the hips
 _ALIKE = np.cos(np.deg2rad(1))  # of bones at rest
@@ -298,8 +300,12 @@ def _lower(
 
 
 def _find_unit(positions: np.ndarray, skeleton: Skeleton, unit: float | None) -> float:
-    """Return the metres in one unit, checked or found by the median length of the arms."""
+    """Return the metres in one unit, checked or found by the median length of the arms.
+
+    They are metric where a person can have such arms, be it a child: an adult's in inches are too short in centimetres.
+    """
     length = arm_length(positions, skeleton, "left", "right")
-    metres = unit or min(_UNITS, key=lambda metres: abs(np.log(max(length * metres, 1e-12) / ARM)))
+    fitting = [metres for metres in _METRIC_UNITS if ARM_RANGE[0] <= length * metres <= ARM_RANGE[1]]
+    metres = unit or min(fitting or _UNITS, key=lambda metres: abs(np.log(max(length * metres, 1e-12) / ARM)))
     check_arms(length, metres)
     return metres

@@ -1,6 +1,7 @@
 """Reader of the animation of a glTF 2.0 file in one part, `.glb`, `.vrma` or `.vrm`, of any program."""
 
 import pathlib
+import re
 import struct
 from collections.abc import Iterator
 from typing import Any
@@ -21,7 +22,10 @@ _EXPECTED = "an animation in glTF 2.0 (.glb)"
 _OWN = "ha2g-jax"  # the generator of our files, which say their frame rate
 _FPS = 30.0  # of an animation whose keys are farther apart than the frames of a motion
 _MIN_FPS, _MAX_FPS = 10.0, 240.0  # at which keys are taken for frames
+_ROUNDED = 0.0021  # seconds by which steps between times in milliseconds differ
 _LATE = 1e-4  # seconds by which rounding makes a time too late
+_ROOT = "(scene)"  # the joint above all others, as there may be several roots
+_NUMBER = re.compile(r"_\d+$")
 _UNEQUAL = 0.01  # relative difference of scales that rounding explains
 _COMPONENTS = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
@@ -71,7 +75,6 @@ class _File:
         if len(times) * (1 + len(joints)) > limits.MAX_BVH_VALUES // 4:
             raise ValueError(f"{len(times)} frames of {len(joints)} joints; cut the file")
         number = {node: index for index, node in enumerate(joints, start=1)}
-        # The first joint is the scene, as there may be several roots.
         above = (-1, *(number.get(parents.get(node, -1), 0) for node in joints))
         local = np.tile(rotations.IDENTITY, (len(times), 1 + len(joints), 1))
         rest, offsets, size = local[0].copy(), np.zeros((1 + len(joints), 3)), np.ones(1 + len(joints))
@@ -90,7 +93,7 @@ class _File:
             local[:, index] = rest[index]
             if (node, "rotation") in tracks:
                 local[:, index] = _sample(*tracks[node, "rotation"], times)
-        names = ("scene", *map(self._name, joints))
+        names = (_ROOT, *_without_numbers([self._name(node) for node in joints]))
         if twice := [name for index, name in enumerate(names) if name in names[:index]]:
             raise UserError(f"{shown(self.path)} has two joints named {shown(twice[0])}; keep one person in the file")
         with naming(self.path):
@@ -172,11 +175,20 @@ class _File:
             fps = float(extras["fps"])
         else:
             span, step = every[-1] - every[0], np.median(steps) if len(steps) else 1 / _FPS
-            fps = frame_rate(np.linspace(0, span, 1 + max(round(span / step), 1))) if span else _FPS
+            # Where all steps are alike there is a key in each frame, and times that are rounded do not count.
+            count = len(steps) if len(steps) and np.ptp(steps) < _ROUNDED else max(round(span / step), 1)
+            fps = frame_rate(np.linspace(0, span, 1 + count)) if span else _FPS
             fps = fps if _MIN_FPS <= fps <= _MAX_FPS else _FPS
         if not limits.MIN_MOTION_FPS <= fps <= limits.MAX_MOTION_FPS:
             raise ValueError(f"{fps:g} frames per second")
         return np.arange(1 + round(every[-1] * fps)) / fps, fps
+
+
+def _without_numbers(names: list[str]) -> list[str]:
+    """Return the names of joints without the number that Sketchfab puts behind each, as in LeftHand_011."""
+    plain = [_NUMBER.sub("", name) for name in names]
+    is_numbered = 2 * sum(name != given for name, given in zip(plain, names, strict=True)) > len(names)
+    return plain if is_numbered and len(set(plain)) == len(plain) else names
 
 
 def _transform(node: dict[str, Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -217,13 +217,14 @@ def _find(joint_map: JointMap, joints: Sequence[str], wanted: Sequence[str]) -> 
 def _affixes(joint_map: JointMap, joints: Sequence[str]) -> list[tuple[str, str]]:
     """Return what stands before and behind the names of the map in the joints of a file.
 
-    These are the most frequent pair and those that are more than half as frequent, as of a second person in the file.
+    These are the most frequent pair and those that are more than half as frequent, as of a second person in the file;
+    a pair that one joint alone has is none.
     """
     names = {_bare(name) for several in joint_map.names.values() for name in several} - {""}
     counts: collections.Counter[tuple[str, str]] = collections.Counter()
     for joint in map(str.casefold, joints):
         counts.update((before, behind) for before, found, behind in map(joint.partition, names) if found)
-    return [affix for affix, count in counts.most_common() if 2 * count > max(counts.values())]
+    return [affix for affix, count in counts.most_common() if count > 1 and 2 * count > max(counts.values())]
 
 
 def _bare(name: str) -> str:

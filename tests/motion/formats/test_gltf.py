@@ -5,10 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 from fixtures.glb_reader import GlbReader
+from fixtures.motions import swaying
+from scipy.spatial.transform import Rotation
 
 from ha2g_jax.motion.armature import world
-from ha2g_jax.motion.formats import gltf
+from ha2g_jax.motion.formats import export, gltf
 from ha2g_jax.motion.formats.gltf import write_figure
+from ha2g_jax.motion.lower_body import LowerBody
 from ha2g_jax.motion.rigs import RIGS, places
 from ha2g_jax.skeleton import load_skeleton
 
@@ -89,6 +92,26 @@ def test_a_vrma_has_bones_that_rest_unturned_and_no_mesh(animate, tmp_path):
         np.testing.assert_allclose(node.get("rotation", [0, 0, 0, 1]), [0, 0, 0, 1], atol=1e-9)
     assert {channel["target"]["path"] for channel in tree["animations"][0]["channels"]} == {"rotation"}
     assert "meshes" not in tree
+
+
+def test_a_person_who_sits_stands_at_rest(tmp_path):
+    """Players of VRM scale the movement of the hips by their height at rest."""
+    motion = swaying(frames=10)
+    thigh, shin, foot = [0, -0.45, 0], [0, -0.42, 0], [0, -0.06, 0.12]
+    legs = np.array([[0, 0, 0], [0.1, 0, 0], thigh, shin, foot])
+    legs = np.concatenate([legs, legs[1:] * [-1, 1, 1], [[0, 0.2, 0]]])
+    turns = np.tile([0.0, 0, 0, 1], (10, 9, 1))
+    turns[:, [1, 5]] = Rotation.from_euler("x", -90, degrees=True).as_quat()  # thighs lie level
+    place = np.tile([3, 0.42 + 0.06 + 0.02, 1], (10, 1))
+    place[:, 0] += np.linspace(0, 0.1, 10)
+    sitting = dataclasses.replace(motion, lower=LowerBody(legs, turns, place))
+    for rig, root, height in (("vrm", "hips", 0.95), ("ha2g", "pelvis", 0.95), ("unreal", "root", 0.0)):
+        export(sitting, tmp_path / "m.glb", rig=rig)
+        reader = GlbReader(tmp_path / "m.glb")
+        number, node = next((k, node) for k, node in enumerate(reader.tree["nodes"]) if node.get("name") == root)
+        np.testing.assert_allclose(node["translation"], [0, height, 0], atol=0.03)
+        if rig != "unreal":  # whose legs have lengths of their own
+            np.testing.assert_allclose(reader.matrices(0)[number][:3, 3], [3, height - 0.45, 1], atol=0.03)
 
 
 def test_the_figure_rests_with_the_bone_lengths_of_the_model(tmp_path):

@@ -30,6 +30,12 @@ def pictures(path) -> np.ndarray:
         return np.stack([frame.to_ndarray() for frame in frames])
 
 
+def test_a_name_may_have_a_colon(tmp_path, motion, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_video("10:15 talk.mp4", motion, None, size=64, has_progress=False)
+    assert pictures("file:10:15 talk.mp4").any()
+
+
 @pytest.mark.parametrize("seconds", [0.2, 1.0, 2.51])
 def test_picture_and_sound_last_as_long_as_the_speech(tmp_path, motion, seconds):
     write_video(tmp_path / "v.mp4", motion, tone(seconds), size=64, has_progress=False)

@@ -111,7 +111,15 @@ def named(file: File) -> None:
         node["name"] = f"J_Bip_{index}"
 
 
+def numbered(file: File) -> None:
+    """Nodes with a number behind their names, as from Sketchfab."""
+    for index, node in enumerate(file.tree["nodes"]):
+        node["name"] += f"_{index:03}"
+
+
 VARIANTS = {
+    "numbers": numbered,
+    "a node named scene": lambda file: file.tree["nodes"][0].update(name="scene"),
     "of another program": lambda file: file.tree["scenes"][0].pop("extras"),
     "no scenes": lambda file: file.tree.pop("scenes") and file.tree.pop("scene", None),
     "no values of extras": lambda file: file.tree["scenes"][0].update(extras=None),
@@ -161,6 +169,18 @@ def test_keys_between_frames_are_sampled_at_the_rate_of_the_keys(own, tmp_path):
     np.testing.assert_allclose(read_motion(tmp_path / "x.glb").positions, read_motion(own).positions, atol=1e-3)
 
 
+@pytest.mark.parametrize("fps", [24, 60])
+def test_times_in_milliseconds_are_those_of_frames(fps, tmp_path):
+    own = swaying(frames=184, fps=fps)
+    formats.export(own, tmp_path / "x.glb", rig="vrm")
+    file = File(tmp_path / "x.glb")
+    file.tree["asset"]["generator"] = "another program"
+    file.change("LINEAR", lambda times, values: (np.round(times, 3), values))
+    (tmp_path / "x.glb").write_bytes(join_glb(file.tree, file.blob))
+    found = read_motion(tmp_path / "x.glb")
+    assert (found.fps, found.num_frames) == (fps, 184)
+
+
 def compressed(file: File) -> None:
     view = file.tree["accessors"][file.clip["samplers"][0]["output"]]["bufferView"]
     file.tree["bufferViews"][view]["extensions"] = {"EXT_meshopt_compression": {}}
@@ -196,9 +216,9 @@ def test_what_is_no_motion_is_refused_in_one_line(case, own, tmp_path):
     assert "\n" not in str(caught.value)
 
 
-def test_gltf_in_several_files_is_refused(own, tmp_path):
+def test_gltf_as_text_is_refused(own, tmp_path):
     (tmp_path / "x.gltf").write_text(json.dumps(File(own).tree))
-    with pytest.raises(UserError, match=r"x\.gltf is glTF in several files; export it as \.glb"):
+    with pytest.raises(UserError, match=r"x\.gltf is glTF as text \(\.gltf\); export it as \.glb"):
         read_motion(tmp_path / "x.gltf")
 
 

@@ -5,12 +5,14 @@ and the face, of which it has the rotation of the head.
 """
 
 import csv
+import dataclasses
 import json
 import re
 
 import numpy as np
 import pytest
 from fixtures.glb_reader import join_glb, split_glb
+from fixtures.motions import swaying
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -112,6 +114,17 @@ def test_every_rig_in_every_unit_and_with_any_names(rig, suffix, unit, affix, wr
     found = read_motion(path, unit=None if unit in FOUND else UNITS[unit])
     assert found.meta["read_from"]["unit"] == UNITS[unit]
     check_joints(found, read_motion(files["own"]), rig)
+
+
+@pytest.mark.parametrize("suffix", TREES)
+def test_a_child_keeps_its_size(suffix, tmp_path):
+    """Arms of 35 cm are as long in centimetres as those of an adult are in inches, nearly."""
+    motion = swaying()
+    child = dataclasses.replace(motion.skeleton, lengths=0.63 * motion.skeleton.lengths)
+    own = Motion.from_directions(child, motion.directions, motion.fps)
+    formats.export(own, tmp_path / f"x{suffix}")
+    lengths = read_motion(tmp_path / f"x{suffix}").skeleton.lengths
+    np.testing.assert_allclose(lengths, child.lengths, atol=0.002)
 
 
 @pytest.mark.parametrize("name", ["ted_expressive", "ted_gesture"])
