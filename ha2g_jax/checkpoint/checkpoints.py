@@ -1,4 +1,4 @@
-"""The checkpoints of a run in one folder, each written completely or not at all in the format of Orbax.
+"""The checkpoints of a run in one folder, each written atomically in the format of Orbax.
 
 They are written in the background while training continues. Orbax fills a folder with a temporary name and renames it
 when it is complete, so that a run that is killed meanwhile leaves nothing that counts as a checkpoint. The last file

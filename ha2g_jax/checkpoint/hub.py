@@ -131,7 +131,7 @@ def _blame(name: str) -> Iterator[None]:
         yield
     except (errors.RepositoryNotFoundError, errors.GatedRepoError, errors.LocalTokenNotFoundError) as error:
         raise UserError(
-            f"the Hub does not give {shown(name)} to this user; check the name, or store a token with `hf auth login`"
+            f"no access to {shown(name)} on the Hub; check the name, or store a token with `hf auth login`"
         ) from error
     except errors.RevisionNotFoundError as error:
         raise UserError(f"{shown(name)} has no such revision; name a commit, a tag or a branch of it") from error

@@ -112,7 +112,7 @@ def save(
     *,
     is_exact: bool = False,
 ) -> pathlib.Path:
-    """Write a model folder, completely or not at all; its assets contain the hash of the weights.
+    """Write a model folder atomically; its assets contain the hash of the weights.
 
     Weights are float32; unless `is_exact`, they are float16 if float32 would take more than 20 MB. Losses and settings
     of training are left out of the config.

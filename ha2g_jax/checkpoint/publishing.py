@@ -106,7 +106,7 @@ def _text(path: pathlib.Path) -> str:
 
 
 def average_models(models: Sequence[str | pathlib.Path], out: str | pathlib.Path) -> pathlib.Path:
-    """Write the average of two or more models, see `model_folder.load`, as a model folder, completely or not at all.
+    """Write the average of two or more models, see `model_folder.load`, as a model folder atomically.
 
     The mean, in float32, is that of the weights, of the statistics of the normalisation layers and of the styles of the
     speakers. The vector of a word is the mean of those that the models have for it, where a model that lacks it counts

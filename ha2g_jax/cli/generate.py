@@ -66,7 +66,7 @@ def add_commands(commands: Any) -> None:
     command.add_argument(
         "--words",
         type=pathlib.Path,
-        help="transcript, or FILE#SPEAKER, for a model or cues with words (default: beside)",
+        help="transcript, or FILE#SPEAKER, for a model or cues with words (default: that beside the speech)",
     )
     command.add_argument(
         "--size", metavar="WIDTHxHEIGHT", help="pixels of the video; one number for both (default: 720)"
@@ -110,7 +110,9 @@ def _add_controls(command: argparse.ArgumentParser) -> None:
         "Times are in seconds. The transitions before and after a pose or a mute take half a second each.",
     )
     add_amounts(controls)
-    controls.add_argument("--seed-pose", type=pathlib.Path, metavar="NPZ", help="motion from whose end to start")
+    controls.add_argument(
+        "--seed-pose", type=pathlib.Path, metavar="NPZ", help="motion whose last frames are continued"
+    )
     controls.add_argument(
         "--pin",
         action="append",

@@ -74,7 +74,7 @@ def add_reading(command: Any) -> None:
         "--source-fps",
         type=float,
         metavar="FPS",
-        help="true frames per second of files that do not say it, or say it wrongly",
+        help="frames per second of files that state none, or a wrong rate",
     )
     command.add_argument(
         "--unit", type=float, metavar="METRES", help="metres in one unit of the files (default: by the arms' length)"

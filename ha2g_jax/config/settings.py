@@ -67,19 +67,19 @@ SETTINGS = (
     Setting("data.num_reference_images", 4, whole(1, MAX_REFERENCE_IMAGES), "images of a speaker; M in the paper"),
     Setting("data.fps", 15, whole(MIN_FPS, MAX_FPS), "frames per second"),
     Setting("data.image_size", 224, whole(1, MAX_IMAGE_SIZE), "height and width of the images in pixels"),
-    Setting("data.jitter", 0, _COUNT, "frames by which a training window starts late, at most, at random"),
+    Setting("data.jitter", 0, _COUNT, "maximum random delay of the start of a training window, in frames"),
     Setting("data.mirror", 0.0, _FRACTION, "fraction of windows mirrored left to right, with another identity"),
-    Setting("data.vocal_tract", 0.0, below(1), "fraction by which a vocal tract is longer or shorter, at most"),
-    Setting("data.equalizer_db", 0.0, _WEIGHT, "dB by which a band is louder or quieter, at most"),
+    Setting("data.vocal_tract", 0.0, below(1), "maximum relative change of the length of the vocal tract"),
+    Setting("data.equalizer_db", 0.0, _WEIGHT, "maximum gain or attenuation of a frequency band, in dB"),
     Setting("data.reverb", 0.0, _FRACTION, "fraction of windows with the reverberation of a room"),
-    Setting("data.gain_db", 0.0, _WEIGHT, "dB by which a window is quieter, at most"),
+    Setting("data.gain_db", 0.0, _WEIGHT, "maximum attenuation of a window, in dB"),
     Setting("data.noise", 0.0, _FRACTION, "fraction of windows with noise in the speech"),
     Setting("data.noise_snr_db", (10.0, 40.0), _BOUNDS, "signal-to-noise ratio in dB"),
-    Setting("data.lookahead", 0.0, _FRACTION, "fraction of windows whose end is hidden, to generate while one speaks"),
+    Setting("data.lookahead", 0.0, _FRACTION, "fraction of windows whose last speech is hidden, for streams"),
     Setting("data.workers", 0, _COUNT, "processes that read and decode clips; 0 for threads of this process"),
     Setting("data.cache_gib", 8.0, _WEIGHT, "GiB for the decoded clips of a split, for all workers of this host"),
     Setting("model.architecture", "paper", one_of("paper", "release"), "networks of the paper or of the public code"),
-    Setting("model.recompute", False, FLAG, "compute activations of ResNets again for the gradient instead of keeping"),
+    Setting("model.recompute", False, FLAG, "recompute activations of ResNets for the gradient, to save memory"),
     Setting("model.audio.kind", "resnet_se", one_of("resnet_se", "whisper"), "encoder E_a, or that of HA2G-ASR (D5)"),
     Setting("model.audio.resnet_se.blocks", (3, 4, 6, 3), several(_LAYERS, 4), "blocks of each stage"),
     Setting("model.audio.resnet_se.channels", (32, 64, 128, 256), _STAGE_CHANNELS, "channels of each stage"),
@@ -132,17 +132,17 @@ SETTINGS = (
     Setting("train.validate_every", 1000, whole(1), "steps between validations"),
     Setting("train.checkpoint_every", 1000, whole(1), "steps between checkpoints"),
     Setting("train.keep", 2, whole(1), "latest checkpoints to keep, besides the best"),
-    Setting("train.best_by", "loss/huber", TEXT, "least in the best checkpoint, on the validation split"),
+    Setting("train.best_by", "loss/huber", TEXT, "metric of the validation split that the best checkpoint minimises"),
     Setting("train.sample_every", 0, _COUNT, "steps between videos of a validation clip; 0 for no videos"),
     Setting("train.wandb", "", TEXT, 'project of Weights & Biases; "" for no report'),
     Setting("train.devices", 0, _COUNT, "devices to use; 0 for all"),
 )
 
-_NO_IDENTITY = Setting("model.identity.kind", "none", one_of("none"), "the method knows no speakers")
+_NO_IDENTITY = Setting("model.identity.kind", "none", one_of("none"), "the method has no identity as an input")
 _IMAGES = Setting("model.identity.kind", "none", one_of("none", "images"), "images: the mean of E_ID is the style")
 _SOUND = Setting("model.audio.kind", "waveform", one_of("waveform", "resnet_se"), "samples of the speech, or E_a")
 _WORDS = Setting("model.text.kind", "tcn", one_of("tcn", "none"), "none: gestures from sound alone")
-_NO_AUDIO = Setting("model.audio.kind", "none", one_of("none"), "the method hears nothing")
+_NO_AUDIO = Setting("model.audio.kind", "none", one_of("none"), "the method has no sound as an input")
 _PAPER = Setting("model.architecture", "paper", one_of("paper"), "networks of the paper")
 
 
@@ -177,10 +177,10 @@ OF_METHOD: dict[str, tuple[Setting, ...]] = {
             _HUBER_DELTA,
             _TEMPERATURE,
             _NEGATIVES,
-            Setting("style_delta", 0.05, above(0), "as huber_delta, of the style term (D15)"),
+            Setting("style_delta", 0.05, above(0), "delta of Huber's function in the style term (D15)"),
             _STYLE_CLIP,
             Setting(
-                "text", "own", one_of("own", "other"), "window whose text the contrastive term sees; other: a control"
+                "text", "own", one_of("own", "other"), "text of the contrastive term; other: that of another window"
             ),
         ),
     ),

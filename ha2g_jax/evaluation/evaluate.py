@@ -47,12 +47,12 @@ NO_AUTOENCODER = (
 )
 
 _TESTED_BY_TIME = (
-    "one recording alone has motion of 5 s, so that what gives motion away is tested on blocks of its time, and areas "
-    "are larger than between recordings"
+    "only one recording has 5 s of motion, so that what gives motion away is tested on held-out blocks of it; areas "
+    "are then larger than between recordings"
 )
 
 _BIAS = (
-    "a distance of resampled recordings is greater on average than that of all, so that its interval may lie above it; "
+    "resampling recordings makes a distance larger on average, so that its interval may lie above its value; "
     f"compare the distance of a row with that of the row {HALF}"
 )
 

@@ -1,4 +1,4 @@
-"""Reader of pictures of unknown origin."""
+"""Reader of untrusted pictures."""
 
 import io
 import pathlib

@@ -2,7 +2,7 @@
 
 HA2G's is librosa's, whose import takes seconds because it compiles with numba: FFT 1024, hop 512, periodic Hann window,
 centred frames, 128 mel bands of Slaney's scale and area normalisation over 0-8 kHz, power to dB.
-What is below 80 Hz counts for nothing: a constant, rumble and the hum of the mains are in no voice. Slow sines are
+Frequencies below 80 Hz are removed: no voice contains a constant offset, rumble or the hum of the mains. Slow sines are
 subtracted before the transform, because the Hann window spreads them over all frequencies. The first and the last
 column, which reach beyond the ends of the sound, are silence: sound that begins in the middle of a wave is no click.
 D11: 0 dB is the maximum of the clip, the floor lies 80 dB below it; the spectrogram is computed once per clip and
@@ -69,7 +69,7 @@ def log_mel(audio: np.ndarray, reference: float | None = None) -> np.ndarray:
     For a clip of ordinary loudness this is `librosa.power_to_db(melspectrogram(...), ref=np.max)` between the first and
     the last column, which are silence. Unlike that of librosa, the floor is relative to the clip (D11), so that the
     result does not depend on the volume. `reference` is the mel power of 0 dB, by default the maximum of the clip, and
-    at least `LEAST_POWER`, so that quieter sound sinks in dB as its level does. A clip that is nowhere within 30 dB of
+    at least `LEAST_POWER`, so that quieter sound stays below 0 dB. A clip that is nowhere within 30 dB of
     0 dB is silence, as in a stream.
     """
     power = np.zeros((NUM_MELS, 1 + len(audio) // HOP_LENGTH), np.float32)

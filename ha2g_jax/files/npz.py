@@ -1,4 +1,4 @@
-"""Safe reader of `.npz` and `.npy` files of unknown origin, without pickle and with checks of all sizes."""
+"""Safe reader of `.npz` and `.npy` untrusted files, without pickle and with checks of all sizes."""
 
 import io
 import math

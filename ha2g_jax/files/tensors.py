@@ -1,4 +1,4 @@
-"""Files of safetensors of unknown origin: the header is checked before any tensor is read."""
+"""Untrusted files of safetensors: the header is checked before any tensor is read."""
 
 import contextlib
 import os

@@ -1,4 +1,4 @@
-"""Writing of files and folders whole or not at all, of several one after the other, and checks of their paths."""
+"""Atomic writing of files and folders, of several one after the other, and checks of their paths."""
 
 import contextlib
 import errno
@@ -123,7 +123,7 @@ def whole_file(path: str | pathlib.Path, advice: str = _ADVICE) -> Iterator[path
 
 
 def write_text(path: str | pathlib.Path, text: str, advice: str = _ADVICE) -> None:
-    """Write a text in UTF-8, completely or not at all, see `whole_file`.
+    """Write a text in UTF-8 atomically, see `whole_file`.
 
     Raises:
         UserError: the file cannot be written, or the disk is full.

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 from flax import linen as nn
 
 from ha2g_jax.layers import initializers
-from ha2g_jax.layers.cpu.recurrence import gru_scan
 from ha2g_jax.layers.gru_cell import Gates, gru_cell, sequence_scan
+from ha2g_jax.layers.gru_scan import gru_scan
 from ha2g_jax.layers.linear import Linear
 
 

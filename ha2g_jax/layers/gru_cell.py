@@ -32,7 +32,7 @@ def gru_cell(state: jax.Array, gates: Gates, kernels: Gates, bias: jax.Array) ->
 
 
 def scan_states(gates: Any, hidden_kernels: Any, hidden_biases: Any, is_real: Any) -> tuple[jax.Array, ...]:
-    """Return the states of several GRUs that run side by side, each (N, B, h) float32; see `recurrence.gru_scan`."""
+    """Return the states of several GRUs that run side by side, each (N, B, h) float32; see `gru_scan.gru_scan`."""
 
     def step(states, frame):
         frame, is_real = frame

@@ -134,7 +134,7 @@ def cosine(directions: jax.Array, target_directions: jax.Array) -> jax.Array:
     return jnp.mean(1 - jnp.sum(normalize(directions) * normalize(target_directions), axis=-1))
 
 
-keys: tuple[str, ...] = ("dropout",)
+rngs: tuple[str, ...] = ("dropout",)
 reconstruction_term = "reconstruction"
 has_parts = False
 loss_settings = no_settings

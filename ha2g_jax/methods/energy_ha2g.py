@@ -1,10 +1,10 @@
-"""HA2G that samples: its networks read noise beside the speech, and a proper scoring rule trains them; not the paper's.
+"""A generative HA2G, not the paper's: its networks read noise beside the speech, and a proper scoring rule trains them.
 
-Speech does not say where the hands of a phrase are, so that a regression averages over the places. Here two samples of
-each window, with independent noise, are scored against the true motion by the energy score (Gneiting and Raftery 2007),
-which is least for samples of the true distribution: no adversary, one pass for a sample, and samples in training are
-made as in generation. Speech (Gritsenko et al. 2020), regressions (Shen and Meinshausen 2024) and the weather (Alet et
-al. 2025) have been sampled so.
+Speech does not determine where the hands are during a phrase, so a regression predicts the mean of the possible
+places. Here two samples of each window, with independent noise, are scored against the true motion by the energy score
+(Gneiting and Raftery 2007), which is least for samples of the true distribution: no adversary, one pass for a sample,
+and samples in training are made as in generation. Speech (Gritsenko et al. 2020), regressions (Shen and Meinshausen
+2024) and the weather (Alet et al. 2025) have been sampled so.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -25,7 +25,7 @@ from ha2g_jax.skeleton import Skeleton
 _EPSILON = 1e-6
 _SPAN = 8  # frames in which velocities are compared, so that the time of a stroke counts in each
 
-keys: tuple[str, ...] = ("dropout", "identity", "noise")
+rngs: tuple[str, ...] = ("dropout", "identity", "noise")
 reconstruction_term = "energy"
 has_parts = False
 init_arguments = speech_arguments
@@ -96,13 +96,13 @@ def run(
 
     Evaluation mode takes the mean of each identity, not a sample.
     """
-    speech, identity, seed = speech_arguments(spec, batch)
+    speech, identity, seed_pose = speech_arguments(spec, batch)
     (features, text, (mean, log_variance)), batch_stats = apply(
         spec.generator, variables, keys["dropout"], speech, identity, train=train, compute=compute, method=ha2g.encode
     )
     f_id = ha2g.draw_identity(keys["identity"], mean, log_variance) if train else mean
     # The two of a clip lie side by side on the batch axis, so that a batch split over devices stays where it is.
-    clips = jax.tree.map(lambda x: jnp.repeat(x, 2, axis=0), (features, f_id, seed))
+    clips = jax.tree.map(lambda x: jnp.repeat(x, 2, axis=0), (features, f_id, seed_pose))
     noise = draw_noise(spec, keys["noise"], 2 * len(mean))
     levels, _ = apply(
         spec.generator, variables, keys["dropout"], *clips, noise, train=train, compute=compute, method="infer"
@@ -114,7 +114,7 @@ def run(
 
 def loss_settings(settings: Mapping[str, Any]) -> LossSettings:
     """Return the numbers and choices of the terms; see `Method.loss_settings`."""
-    return LossSettings(settings["temperature"], losses.negatives(settings))
+    return LossSettings(settings["temperature"], tuple(settings["negatives"]))
 
 
 def terms(
@@ -125,8 +125,8 @@ def terms(
     levels = tuple(targets[..., jnp.array(channels)] for channels in spec.generator.level_channels)
     samples = (outputs.poses, outputs.others, levels)
     return Terms(
-        energy=energy_score(trajectories, *samples),
-        velocity=energy_score(velocities, *samples),
+        energy=energy_score(trajectory_distance, *samples),
+        velocity=energy_score(velocity_distance, *samples),
         kld=losses.kld(outputs.mean, outputs.log_variance),
         contrastive=losses.contrastive(outputs.text, *outputs.features, **settings._asdict()),
     )
@@ -151,15 +151,15 @@ def energy_score(
     return jnp.sum(jnp.stack(levels))
 
 
-def trajectories(one: jax.Array, other: jax.Array) -> jax.Array:
+def trajectory_distance(one: jax.Array, other: jax.Array) -> jax.Array:
     """Return the distance (B,) of two motions (B, N, 3 bones): for each bone the root of the mean square over time, and
     of these the mean over bones.
     """
     return jnp.mean(jnp.sqrt(jnp.mean(_squares(one - other), axis=1) + _EPSILON), axis=-1)
 
 
-def velocities(one: jax.Array, other: jax.Array) -> jax.Array:
-    """Return the distance (B,) of the differences between frames of two motions, as `trajectories` in spans of 8.
+def velocity_distance(one: jax.Array, other: jax.Array) -> jax.Array:
+    """Return the distance (B,) of the differences between frames of two motions: `trajectory_distance` in spans of 8.
 
     Zeros fill the last span: of the 33 differences of 34 frames the last counts 2.8 times as much as another.
     """

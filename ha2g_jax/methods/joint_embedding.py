@@ -158,7 +158,7 @@ def l1(poses: jax.Array, targets: jax.Array) -> jax.Array:
     return jnp.sum(jnp.mean(jnp.abs(poses - targets), axis=(1, 2)))
 
 
-keys: tuple[str, ...] = ("dropout", "latent", "coin")
+rngs: tuple[str, ...] = ("dropout", "latent", "coin")
 reconstruction_term = "l1"
 has_parts = False
 init_arguments = speech_arguments

@@ -109,7 +109,7 @@ class Method(Protocol):
     """Functions that training calls; the pose auto-encoder of the Frechet gesture distance has only these.
 
     Attributes:
-        keys: names of the random streams of `run`.
+        rngs: names of the random streams of `run`.
         Terms: NamedTuple of the terms of the objective, or of their weights; it has a field `gan` if and only if there
             is a discriminator.
         reconstruction_term: name of the term that measures the distance to the true poses.
@@ -117,7 +117,7 @@ class Method(Protocol):
     """
 
     @property
-    def keys(self) -> tuple[str, ...]: ...
+    def rngs(self) -> tuple[str, ...]: ...
 
     @property
     def Terms(self) -> Any: ...
@@ -153,7 +153,7 @@ class Method(Protocol):
         """Run the generator on a training batch, in training or evaluation mode, in the precision and parts of
         `compute`.
 
-        The batch has arrays as in `ha2g_jax.train.step.train_step`; `keys` has a key for each name in `Method.keys`.
+        The batch has arrays as in `ha2g_jax.train.step.train_step`; `keys` has a key for each name in `Method.rngs`.
         """
         ...
 

@@ -205,7 +205,7 @@ def variance(poses: jax.Array) -> jax.Array:
     return -jnp.sum(jnp.sqrt(jnp.maximum(square, _MIN_SQUARE))) / poses.size
 
 
-keys: tuple[str, ...] = ("dropout",)
+rngs: tuple[str, ...] = ("dropout",)
 reconstruction_term = "mse"
 has_parts = False
 init_arguments = speech_arguments

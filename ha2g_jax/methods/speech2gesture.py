@@ -187,7 +187,7 @@ def l1(poses: jax.Array, targets: jax.Array) -> jax.Array:
     return jnp.mean(jnp.abs(poses - targets))
 
 
-keys: tuple[str, ...] = ("dropout",)
+rngs: tuple[str, ...] = ("dropout",)
 reconstruction_term = "l1"
 has_parts = False
 init_arguments = speech_arguments

@@ -69,7 +69,7 @@ class Trimodal(nn.Module):
         return (self.decoder(jnp.concatenate([known, features, styles], axis=-1), train=train),)
 
 
-keys: tuple[str, ...] = ("dropout", "identity", "permutation")
+rngs: tuple[str, ...] = ("dropout", "identity", "permutation")
 reconstruction_term = "huber"
 has_parts = False
 init_arguments = speech_arguments

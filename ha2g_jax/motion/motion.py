@@ -137,7 +137,7 @@ class Motion:
 
         The file is a numpy archive without pickle that holds directions, positions, fps, joint_names, meta (JSON text),
         and where they are known the arrays of `lower_body.ARRAYS` and of the face. The same motion gives the same
-        bytes. The file is written completely or not at all.
+        bytes. The file is written atomically.
 
         Raises:
             UserError: the path does not end in `.npz`, or the file cannot be written.

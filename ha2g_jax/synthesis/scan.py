@@ -71,16 +71,16 @@ def sample_windows(
     variables: Variables,
     chunks: Generator[Any, None, None],
     style: np.ndarray,
-    start: np.ndarray,
+    seed_pose: np.ndarray,
     seed: int,
     count: int,
 ) -> np.ndarray:
     """Sample the poses (K, N, bones, 3) of K = `count` windows, unit vectors, each from poses of the one before.
 
     Their features are the chunks of `encode_chunks`, which is closed at the end. All have the style (style_dim,), and
-    `start` (M, bones, 3) is the seed pose of the first. A frame has the same noise in a clip of any length.
+    `seed_pose` (M, bones, 3) is that of the first. A frame has the same noise in a clip of any length.
     """
-    style, pose = np.asarray(style, np.float32), np.asarray(start, np.float32)
+    style, pose = np.asarray(style, np.float32), np.asarray(seed_pose, np.float32)
     parts = []
     with contextlib.closing(chunks):  # Ctrl-C does not wait for the chunks that are left
         for first, features in zip(itertools.count(step=_CHUNK), chunks):
@@ -106,22 +106,22 @@ def _sample(
     variables: Variables,
     features: Any,
     style: jax.Array,
-    start: jax.Array,
+    seed_pose: jax.Array,
     noise: jax.Array,
 ) -> tuple[jax.Array, jax.Array]:
     """Sample K consecutive windows of a clip, whose features and noise have a leading axis (K, ...).
 
-    `start` (M, bones, 3) is the seed pose of the first. Return that of the next, and the poses of the windows
+    `seed_pose` (M, bones, 3) is that of the first. Return that of the next, and the poses of the windows
     (K, N, bones, 3).
     """
 
-    def window(seed: jax.Array, inputs: Any) -> tuple[jax.Array, jax.Array]:
+    def window(seed_pose: jax.Array, inputs: Any) -> tuple[jax.Array, jax.Array]:
         features, noise = inputs
         features = jax.tree.map(lambda x: x[None], features)
-        directions = _poses(spec, variables, features, style, seed, noise)
+        directions = _poses(spec, variables, features, style, seed_pose, noise)
         return directions[spec.window_stride :][: spec.num_seed_frames], directions
 
-    return jax.lax.scan(window, start, (features, noise))
+    return jax.lax.scan(window, seed_pose, (features, noise))
 
 
 @functools.partial(jax.jit, static_argnums=0)
@@ -130,7 +130,7 @@ def generate_window(
     variables: Variables,
     speech: Batch,
     style: jax.Array,
-    start: jax.Array,
+    seed_pose: jax.Array,
     noise: jax.Array,
 ) -> jax.Array:
     """Encode the speech of one window of a stream, and sample its poses (N, bones, 3), unit vectors.
@@ -140,13 +140,13 @@ def generate_window(
     """
     batch = {name: array[None] for name, array in speech.items()}
     features = generating_method_of(spec).encode_speech(spec, variables, batch)
-    return _poses(spec, variables, features, style, start, noise)
+    return _poses(spec, variables, features, style, seed_pose, noise)
 
 
 def _poses(
-    spec: Spec, variables: Variables, features: Any, style: jax.Array, seed: jax.Array, noise: jax.Array
+    spec: Spec, variables: Variables, features: Any, style: jax.Array, seed_pose: jax.Array, noise: jax.Array
 ) -> jax.Array:
     """Return the poses of one window, (N, bones, 3) unit vectors; only the features have a batch axis."""
-    centred = subtract_mean(spec, seed)[None]
+    centred = subtract_mean(spec, seed_pose)[None]
     poses = generating_method_of(spec).sample(spec, variables, features, style[None], centred, noise[None])
     return restore(spec, poses[0])

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ha2g_jax.methods.method import Spec, Variables
 
 
-VARIATION = 0.3  # of the style of a speaker between two takes
+VARIATION = 0.3  # standard deviation of the difference of a take from the style of a speaker
 
 ImagePaths = str | pathlib.Path | Sequence[str | pathlib.Path]
 

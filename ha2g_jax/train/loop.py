@@ -39,7 +39,7 @@ from ha2g_jax.train.workdir import VALIDATION_PREFIX, only_run
 SAMPLES, PROFILE = "samples", "profile"
 
 _NAMES_SHOWN = 8
-_SETTLING = 30  # batches before a validation that the statistics of a running average are measured by
+_SETTLING = 30  # batches before a validation by which the BatchNorm statistics of the average are measured
 _LINE_SECONDS = 60.0  # seconds between two lines about the steps where stderr is no terminal
 
 

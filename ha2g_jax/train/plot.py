@@ -35,7 +35,7 @@ svg {{ width: 100%; height: auto }}</style></head>
 def write_plot(
     folders: Sequence[str | os.PathLike], out: str | os.PathLike, *, smoothing: float = SMOOTHING
 ) -> pathlib.Path:
-    """Write the curves of all metrics of the runs in some folders, completely or not at all, and return the path.
+    """Write the curves of all metrics of the runs in some folders atomically, and return the path.
 
     Equal workdirs give equal files.
 

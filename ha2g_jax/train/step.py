@@ -25,7 +25,12 @@ _MIN_NORM = 1e-12  # least norm of a gradient that another is divided by
 
 
 def train_step(objective: Objective, state: TrainState, batch: Batch, key: jax.Array) -> tuple[TrainState, Metrics]:
-    """Update the discriminator, then the generator.
+    """Update the discriminator, then the generator:
+
+    1. the generator runs forward once;
+    2. the discriminator is updated with the true poses and, detached, the generated ones;
+    3. the gradient of the objective with respect to the generated poses is taken through the updated discriminator;
+    4. that gradient is pulled back through the generator, which is updated.
 
     The BatchNorm statistics of the generator are updated once with this batch. Those of the discriminator are updated
     with the real and then with the generated poses of its own update; the pass that carries the gradient of the
@@ -63,7 +68,7 @@ def train_step(objective: Objective, state: TrainState, batch: Batch, key: jax.A
     spec = objective.spec
     keys = step_keys(spec, key, state.step)
     targets = subtract_mean(spec, batch["directions"])
-    is_warm = state.step >= objective.warmup_steps
+    has_gan = state.step >= objective.warmup_steps
 
     (outputs, constants, generator_stats), pull_back = run_generator(objective, state.generator, batch, keys)
     discriminator, discriminator_metrics = state.discriminator, {}
@@ -76,10 +81,10 @@ def train_step(objective: Objective, state: TrainState, batch: Batch, key: jax.A
             jax.lax.stop_gradient(outputs.poses[-1]),
             keys["discriminator"],
         )
-        discriminator = _where(is_warm, discriminator, state.discriminator)
+        discriminator = _where(has_gan, discriminator, state.discriminator)
 
     cotangent, metrics = output_gradient(
-        objective, discriminator, outputs, constants, targets, keys["gan"], state.step, is_warm
+        objective, discriminator, outputs, constants, targets, keys["gan"], state.step, has_gan
     )
     (gradient,) = pull_back(cotangent)
     generator = _update(state.generator, gradient, objective.generator_optimizer, state.step)
@@ -99,8 +104,8 @@ def train_step(objective: Objective, state: TrainState, batch: Batch, key: jax.A
 def settle_average(objective: Objective, state: TrainState, batch: Batch, key: jax.Array) -> TrainState:
     """Move the BatchNorm statistics of the average by a batch that its own parameters encode.
 
-    The mean over steps of the statistics belongs to the parameters of those steps. Averaged parameters have others, by
-    which the batch statistics of their activations have to be measured (Izmailov et al. 2018, section 3.2).
+    A running mean of the statistics fits the parameters of past steps, not their average. The statistics of the average
+    have to be measured with its own parameters (Izmailov et al. 2018, section 3.2).
 
     Args:
         objective, state, batch, key: as for `train_step`; the state has an average.
@@ -135,7 +140,7 @@ def step_keys(spec: Spec, key: jax.Array, step: jax.Array) -> dict[str, jax.Arra
 
     The number of the step is folded into the key of the run.
     """
-    uses = (*method_of(spec).keys, "discriminator", "gan")
+    uses = (*method_of(spec).rngs, "discriminator", "gan")
     return dict(zip(uses, jax.random.split(jax.random.fold_in(key, step), len(uses)), strict=True))
 
 
@@ -185,12 +190,12 @@ def output_gradient(
     targets: jax.Array,
     key: jax.Array,
     step: jax.Array,
-    is_warm: jax.Array,
+    has_gan: jax.Array,
 ) -> tuple[Any, Metrics]:
     """Return the gradient of the objective with respect to the outputs of the generator, and the metrics of its terms.
 
     The gradient of the GAN term is taken by itself and chained, so that its norm can be compared with that of the
-    reconstruction. The GAN term counts if `is_warm` () is true, after the warm-up. The other arguments are those of
+    reconstruction. The GAN term counts if `has_gan` () is true, after the warm-up. The other arguments are those of
     `loss_terms`, in training mode.
 
     Returns:
@@ -198,10 +203,10 @@ def output_gradient(
         "gradient_ratio/gan" of `train_step`.
     """
     spec, weights, method = objective.spec, objective.weights, method_of(objective.spec)
-    gan = pull = None
+    gan = gan_gradient = None
     if discriminator is not None:
-        weights = weights._replace(gan=jnp.where(is_warm, weights.gan, 0.0))
-        gan, pull = jax.value_and_grad(_gan_term, argnums=2)(
+        weights = weights._replace(gan=jnp.where(has_gan, weights.gan, 0.0))
+        gan, gan_gradient = jax.value_and_grad(_gan_term, argnums=2)(
             objective, discriminator, outputs.poses[-1], key, train=True
         )
 
@@ -209,24 +214,28 @@ def output_gradient(
         terms = method.terms(spec, objective.settings, outputs, constants, targets, gan)
         return method.total(weights, terms), terms
 
-    (total, terms), (gradient, gan_slope) = jax.value_and_grad(objective_of, argnums=(0, 1), has_aux=True)(outputs, gan)
+    (total, terms), (gradient, gan_weight) = jax.value_and_grad(objective_of, argnums=(0, 1), has_aux=True)(
+        outputs, gan
+    )
     metrics = _loss_metrics(terms, total)
     if discriminator is None:
         return gradient, metrics
 
-    def ratio() -> jax.Array:
-        def reconstruction(poses: jax.Array) -> jax.Array:
-            changed = outputs._replace(poses=(*outputs.poses[:-1], poses))
-            return getattr(objective_of(changed, gan)[1], method.reconstruction_term)
+    *coarse, last = gradient.poses
+    whole = gradient._replace(poses=(*coarse, last + gan_weight * gan_gradient))
 
+    def reconstruction(poses: jax.Array) -> jax.Array:
+        changed = outputs._replace(poses=(*outputs.poses[:-1], poses))
+        return getattr(objective_of(changed, gan)[1], method.reconstruction_term)
+
+    def ratio() -> jax.Array:
         norm = optax.tree.norm(jax.grad(reconstruction)(outputs.poses[-1]))
         weight = getattr(weights, method.reconstruction_term)
-        return weights.gan * optax.tree.norm(pull) / jnp.maximum(weight * norm, _MIN_NORM)
+        return weights.gan * optax.tree.norm(gan_gradient) / jnp.maximum(weight * norm, _MIN_NORM)
 
     is_logged = ((step + 1) % objective.log_every == 0) | (step + 1 == objective.num_steps)
     metrics["gradient_ratio/gan"] = jax.lax.cond(is_logged, ratio, lambda: jnp.zeros((), jnp.float32))
-    *coarse, last = gradient.poses
-    return gradient._replace(poses=(*coarse, last + gan_slope * pull)), metrics
+    return whole, metrics
 
 
 def _loss_metrics(terms: Any, total: jax.Array) -> Metrics:

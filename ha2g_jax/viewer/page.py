@@ -58,7 +58,7 @@ class Page:
         return f'<iframe style="{style}" allow="autoplay; fullscreen" srcdoc="{html.escape(self.text)}"></iframe>'
 
     def save(self, path: str | pathlib.Path) -> pathlib.Path:
-        """Write the page to an `.html` file, completely or not at all, and return its path.
+        """Write the page to an `.html` file atomically, and return its path.
 
         Raises:
             UserError: the path does not end in `.html`, or the file cannot be written.

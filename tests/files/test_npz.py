@@ -1,4 +1,4 @@
-"""Arrays from files of unknown origin: numpy's files are read, and all others give one line of error."""
+"""Arrays from untrusted files: numpy's files are read, and all others give one line of error."""
 
 import io
 import struct

@@ -1,4 +1,4 @@
-"""What is written is there whole or not at all; a path that cannot be written is refused in one line."""
+"""Files are written atomically; a path that cannot be written is refused in one line."""
 
 import errno
 import os

@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ha2g_jax.layers.cpu.recurrence import gru_scan
 from ha2g_jax.layers.gru import BiGRU, GRUCells
 from ha2g_jax.layers.gru_cell import Gates, gru_cell
+from ha2g_jax.layers.gru_scan import gru_scan
 
 
 def test_equals_the_equations(oracles):

@@ -8,7 +8,7 @@ import numpy as np
 import optax
 import pytest
 
-from ha2g_jax.methods.energy_ha2g import energy_score, trajectories, velocities
+from ha2g_jax.methods.energy_ha2g import energy_score, trajectory_distance, velocity_distance
 
 A = 0.3  # radius of the two motions that are equally likely
 
@@ -22,7 +22,7 @@ def motions(sides):
     return jnp.asarray(poses, jnp.float32)
 
 
-@pytest.mark.parametrize("distance", [trajectories, velocities])
+@pytest.mark.parametrize("distance", [trajectory_distance, velocity_distance])
 def test_the_score_is_least_for_the_true_distribution(distance):
     random = np.random.default_rng(0)
     signs = random.choice([-1.0, 1.0], (3, 4000))
@@ -36,12 +36,14 @@ def test_the_score_is_least_for_the_true_distribution(distance):
 
 def test_distances_of_equal_motions_have_a_bounded_gradient():
     poses = motions([1.0, -1.0])
-    for distance in (trajectories, velocities):
+    for distance in (trajectory_distance, velocity_distance):
         value, gradient = jax.value_and_grad(lambda x, distance=distance: jnp.sum(distance(x, poses)))(poses)
         assert value < 0.01 and not np.asarray(gradient).any()
-    far = np.asarray(trajectories(motions([1.0]), motions([-1.0])))
+    far = np.asarray(trajectory_distance(motions([1.0]), motions([-1.0])))
     assert far == pytest.approx(2 * A, rel=0.06)  # of the bones' mean, whatever the number of frames
-    levels = energy_score(trajectories, [poses, poses[..., :3]], [poses, poses[..., :3]], [-poses, -poses[..., :3]])
+    levels = energy_score(
+        trajectory_distance, [poses, poses[..., :3]], [poses, poses[..., :3]], [-poses, -poses[..., :3]]
+    )
     assert float(levels) == pytest.approx(4 * A, rel=0.1)  # the sum over levels
 
 
@@ -59,7 +61,9 @@ def test_a_network_that_is_trained_by_it_makes_both_motions():
         is_right = jax.random.bernoulli(side_key, shape=(128,))[:, None, None]
         targets = jnp.where(is_right, motions([1.0]), motions([-1.0]))
         one, other = ([generate(params, half)] for half in noise)
-        return energy_score(trajectories, one, other, [targets]) + energy_score(velocities, one, other, [targets])
+        return energy_score(trajectory_distance, one, other, [targets]) + energy_score(
+            velocity_distance, one, other, [targets]
+        )
 
     optimizer = optax.adam(3e-3)
 

@@ -64,7 +64,7 @@ def write_pack(
     body_model: pathlib.Path | None = None,
     **reading: Unpack[Reading],
 ) -> pathlib.Path:
-    """Write the motion of clips as a pack, a folder or a `.zip`, completely or not at all, and return its path.
+    """Write the motion of clips as a pack, a folder or a `.zip` atomically, and return its path.
 
     Sample k of a clip is `sample_k/CLIP.npz`, with the arrays of BEAT2 at 30 frames per second, and exactly round(30 x
     seconds of the speech) frames. The same arguments give the same bytes.

@@ -96,7 +96,7 @@ class Key:
 
 
 def write_key(path: pathlib.Path, key: Key) -> None:
-    """Write a key, completely or not at all, so that only this user can read it.
+    """Write a key atomically, so that only this user can read it.
 
     Raises:
         UserError: the file cannot be written.

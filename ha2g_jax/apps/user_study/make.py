@@ -67,7 +67,7 @@ def make_study(
     seed: int | None = None,
     **reading: Unpack[Reading],
 ) -> pathlib.Path:
-    """Write a study, completely or not at all: `site/`, which is published, and `key.json`.
+    """Write a study atomically: `site/`, which is published, and `key.json`.
 
     Args:
         motions: folder of each system, as DIR or NAME=DIR, with motion of the same clips.

@@ -1,6 +1,6 @@
 """The report of a user study, as Markdown and as an HTML page, from the numbers of `analysis.analyse`.
 
-Names of systems, files and participants and all comments are text of any origin: they are escaped here, and the page
+Names of systems, files and participants and all comments are untrusted text: they are escaped here, and the page
 allows no script.
 """
 
@@ -69,7 +69,7 @@ _SPECIAL = re.compile(r"([\\`*_\[\]~$@]|:(?=//)|(?<=www)\.)")  # links that are 
 
 
 class Table(NamedTuple):
-    """A table, whose first row is its header. Cells are plain text of any origin."""
+    """A table, whose first row is its header. Cells are untrusted plain text."""
 
     rows: Sequence[Sequence[str]]
 
@@ -258,7 +258,7 @@ def _count(count: int, noun: str) -> str:
 def write_report(results: Mapping[str, Any], out: pathlib.Path) -> pathlib.Path:
     """Write the report as HTML, as Markdown with charts, and as JSON, and return the path of the HTML page.
 
-    Each file is written completely or not at all.
+    Each file is written atomically.
 
     Raises:
         UserError: a file cannot be written, or matplotlib is missing.

@@ -42,7 +42,7 @@ _ASSETS = ("skeletons", "rigs", "joint_limits.json")  # of this package
 def write_site(
     checkpoint: str | pathlib.Path, out: str | pathlib.Path, *, weights: str = "float32", license: str = ""
 ) -> pathlib.Path:
-    """Write a site that generates motion in the browser, completely or not at all, and return its folder.
+    """Write a site that generates motion in the browser atomically, and return its folder.
 
     Args:
         checkpoint: model, see `checkpoint.onnx.export.export`.

@@ -1,4 +1,4 @@
-"""Bounds of an ONNX file of unknown origin, known before it is unpacked and before it runs."""
+"""Bounds of an untrusted ONNX file, known before it is unpacked and before it runs."""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -22,7 +22,7 @@ from ha2g_jax.methods.ha2g.model import HA2G
 def export(
     source: str | pathlib.Path, out: str | pathlib.Path, *, weights: str = "float32", license: str = ""
 ) -> pathlib.Path:
-    """Write a model as an ONNX file, whose suffix is .onnx, completely or not at all, and return its path.
+    """Write a model atomically as an ONNX file, whose suffix is .onnx, and return its path.
 
     Large weights have the form `weights`, one of `networks.WEIGHTS`; the computation is float32. The licence of the
     model is stored in the file; that of the demo is known.

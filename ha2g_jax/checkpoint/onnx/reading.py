@@ -1,4 +1,4 @@
-"""ONNX files: what they say of their model beside the graph, and reading of those of unknown origin.
+"""ONNX files: what they say of their model beside the graph, and reading of untrusted ones.
 
 Only graphs of the kind that `export` writes reach a runtime. Nothing here imports JAX.
 """
@@ -97,7 +97,7 @@ def to_metadata(description: Description) -> dict[str, str]:
 
 
 def from_metadata(metadata: Mapping[str, str]) -> Description:
-    """Return the description that `to_metadata` wrote, from texts of any origin.
+    """Return the description that `to_metadata` wrote, from untrusted texts.
 
     Raises:
         KeyError, TypeError, ValueError, OverflowError: the texts are not a description.
@@ -165,7 +165,7 @@ def read(path: str | pathlib.Path) -> tuple[Description, Parts]:
 
 
 def parse(content: bytes) -> "tuple[Description, onnx.ModelProto]":
-    """Parse and check the content of a file of any origin.
+    """Parse and check the content of an untrusted file.
 
     Raises:
         ValueError, LookupError, DecodeError, InferenceError: it is not of the kind that `export` writes, or too large.

@@ -5,13 +5,11 @@ number of frames of a window, and H the number of levels of the motion hierarchy
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import jax
 import jax.numpy as jnp
-
-AUDIO_LEVELS = ("low", "mid", "high")
 
 # D13: a pair of bones is rigid if the standard deviation of its angle in the training split is less than 2 degrees. In
 # TED-Expressive these are 10 of the 41 pairs, bones of the palms and of the head, with 0.9 to 1.8 degrees; the next has
@@ -95,7 +93,7 @@ def style(
 
     of outputs (B, N, pose_dim) for two styles (B, 18), with `clip` for epsilon. D15: the scale is that of the public
     code. Huber's function, divided by delta as in `huber`, is summed over frames and dimensions; the distance of the
-    styles is the mean over their values, which makes the term 18 times stronger than their sum. No gradient passes
+    styles is the mean over their values, which makes the term 18 times that with the L1 norm. No gradient passes
     through `other_poses` and the styles. If both the styles and the outputs are equal, ratio and gradient are zero; if
     only the styles are equal, the ratio is clipped.
     """
@@ -110,8 +108,8 @@ def kld(mean: jax.Array, log_variance: jax.Array) -> jax.Array:
 
         -1/2 (1 + log s^2 - m^2 - s^2)
 
-    for means m and log-variances log s^2 (B, 18). D16: the mean over the values, as in the public code, which the
-    weight of 0.1 belongs to. With the sum of 18 values at this weight all styles become the prior.
+    for means m and log-variances log s^2 (B, 18). D16: the mean over the values, as in the public code; the weight
+    of 0.1 refers to it. With the sum over the 18 values, all styles collapse to the prior at this weight.
     """
     return jnp.mean(-0.5 * (1 + log_variance - mean**2 - jnp.exp(log_variance)))
 
@@ -123,7 +121,7 @@ def contrastive(
     high: jax.Array,
     *,
     temperature: float = 0.07,
-    negatives: tuple[str, ...] = AUDIO_LEVELS,
+    negatives: Sequence[str] = ("low", "mid", "high"),
 ) -> jax.Array:
     """Return the multi-level contrastive loss (Eq. 2), the mean over all frames of
 
@@ -139,16 +137,11 @@ def contrastive(
     text, low, mid, high = (_unit(features.reshape(-1, dim)) for features in (text, low, mid, high))
     queries = text / temperature
     levels: dict[str, jax.Array] = {"low": low, "mid": mid, "high": high}
-    denominator = _blocked_log_sum_exp(queries, jnp.concatenate([levels[name] for name in negatives]))
+    denominator = _blocked_log_sum_exp(queries, jnp.concatenate([x for name, x in levels.items() if name in negatives]))
     positive = jnp.sum(queries * high, axis=-1)
     if "high" not in negatives:
         denominator = jnp.logaddexp(denominator, positive)
     return jnp.mean(denominator - positive)
-
-
-def negatives(settings: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the levels of the setting "negatives" in their order, as `contrastive` takes them."""
-    return tuple(name for name in AUDIO_LEVELS if name in settings["negatives"])
 
 
 def smooth_l1(difference: jax.Array, delta: float) -> jax.Array:

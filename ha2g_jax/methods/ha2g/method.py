@@ -20,7 +20,7 @@ from ha2g_jax.methods.method import FLOAT32, Batch, Compute, Run, Spec, Variable
 from ha2g_jax.methods.networks import apply, identity_encoder, resnet_se, text_encoder
 from ha2g_jax.skeleton import Skeleton, joint_angles
 
-keys: tuple[str, ...] = ("dropout", "identity", "permutation")
+rngs: tuple[str, ...] = ("dropout", "identity", "permutation")
 reconstruction_term = "huber"
 has_parts = True
 init_arguments = speech_arguments
@@ -36,22 +36,22 @@ class Terms(NamedTuple):
     gan: jax.Array
     huber: jax.Array
     physical: jax.Array
-    angle: jax.Array
     style: jax.Array
     kld: jax.Array
     contrastive: jax.Array
+    angle: jax.Array
 
 
 def total(weights: Terms, terms: Terms) -> jax.Array:
     """Return the objective of the generator (Eq. 9, and the angles of D21)."""
     return (
-        weights.huber * terms.huber
+        weights.gan * terms.gan
+        + weights.huber * terms.huber
         + weights.physical * terms.physical
-        + weights.angle * terms.angle
         + weights.style * terms.style
         + weights.kld * terms.kld
         + weights.contrastive * terms.contrastive
-        + weights.gan * terms.gan
+        + weights.angle * terms.angle
     )
 
 
@@ -86,61 +86,6 @@ class Constants(NamedTuple):
     other_f_id: jax.Array
 
 
-def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
-    """Build the networks of `config.model`, the ablations of Tables 3 and 4 included; see `Method.build`.
-
-    Raises:
-        UserError: the inferer has no such levels, or the size of Whisper's mel is another one.
-    """
-    audio, inferer = config.model.audio, config.model.inferer
-    encoder = _whisper(config) if audio.kind == "whisper" else resnet_se(config)
-    generator = HA2G(
-        audio=encoder,
-        text=text_encoder(config, vocabulary_size),
-        identity=identity_encoder(config, num_speakers),
-        level_channels=_level_channels(inferer.levels, skeleton),
-        audio_levels=tuple(name for name in losses.AUDIO_LEVELS if name in audio.levels),
-        is_tied=inferer.coordinator == "tied",
-        has_coordinator=inferer.coordinator != "none",
-        reads_words=config.model.text.kind == "oracle",
-        num_seed_frames=config.data.num_seed_frames,
-        hidden_dim=inferer.hidden_dim,
-        layers=inferer.layers,
-        dropout=inferer.dropout,
-    )
-    discriminator = Discriminator(**config.model.discriminator)
-    inputs = (*encoder.inputs, "words")
-    # The words serve the contrastive loss alone, so that generation does without them.
-    needed = inputs if generator.reads_words else encoder.inputs
-    return make_spec(config, skeleton, generator, discriminator, inputs=needed, training_inputs=inputs)
-
-
-def _whisper(config: Config) -> AsrAudioEncoder:
-    audio, data = config.model.audio, config.data
-    if audio.whisper.num_mels != NUM_ASR_MELS:
-        raise UserError(
-            f"config.model.audio.whisper.num_mels is {audio.whisper.num_mels}, expected {NUM_ASR_MELS}: choose a "
-            "Whisper model other than large-v3"
-        )
-    return AsrAudioEncoder(
-        whisper=WhisperEncoder(**audio.whisper),
-        feature_dim=audio.feature_dim,
-        num_frames=data.num_frames,
-        fps=data.fps,
-    )
-
-
-def _level_channels(levels: tuple[int, ...], skeleton: Skeleton) -> tuple[tuple[int, ...], ...]:
-    """The channels of the levels that the pose inferer has a stage for: all, or those that an ablation leaves."""
-    numbers = tuple(levels) or tuple(range(1, skeleton.num_levels + 1))
-    if list(numbers) != sorted(set(numbers)) or numbers[0] < 1 or numbers[-1] != skeleton.num_levels:
-        raise UserError(
-            f"config.model.inferer.levels is {reprlib.repr(numbers)}, expected ascending numbers from 1 that end with "
-            f"{skeleton.num_levels}, the whole pose"
-        )
-    return tuple(skeleton.level_channels[number - 1] for number in numbers)
-
-
 def _roll(f_id: jax.Array, shift: jax.Array) -> jax.Array:
     return jnp.roll(f_id, shift, axis=0)
 
@@ -162,7 +107,7 @@ def run(
     can take the batch in `compute.num_parts` parts. Evaluation mode takes the mean of each identity, not a sample.
     `exchange` maps the identities (B, 18) and a shift () to those of another clip for each; see also `Method.run`.
     """
-    speech, identity, seed = speech_arguments(spec, batch)
+    speech, identity, seed_pose = speech_arguments(spec, batch)
     (features, text, (mean, log_variance)), batch_stats = apply(
         spec.generator, variables, keys["dropout"], speech, identity, train=train, compute=compute, method=encode
     )
@@ -174,18 +119,13 @@ def run(
     def infer(key: jax.Array, clips: Any) -> tuple[tuple[jax.Array, ...], jax.Array]:
         return _infer_both(spec, variables, key, *clips, train=train, compute=compute)
 
-    clips = (features, f_id, other_f_id, seed)
+    clips = (features, f_id, other_f_id, seed_pose)
     if train and compute.num_parts > 1:
         poses, other_poses = _in_parts(infer, compute.num_parts, keys["dropout"], clips)
     else:
         poses, other_poses = infer(keys["dropout"], clips)
     outputs = Outputs(poses, Features(*features[:3]), text, mean, log_variance)
     return Run(outputs, Constants(other_poses, f_id, other_f_id), batch_stats)
-
-
-def draw_identity(key: jax.Array, mean: jax.Array, log_variance: jax.Array) -> jax.Array:
-    """Draw f_id (B, 18) from its distribution."""
-    return mean + jnp.exp(0.5 * log_variance) * jax.random.normal(key, mean.shape, mean.dtype)
 
 
 def encode(model: HA2G, speech: dict[str, jax.Array], identity: jax.Array, *, train: bool) -> Any:
@@ -197,6 +137,11 @@ def encode(model: HA2G, speech: dict[str, jax.Array], identity: jax.Array, *, tr
     )
 
 
+def draw_identity(key: jax.Array, mean: jax.Array, log_variance: jax.Array) -> jax.Array:
+    """Draw f_id (B, 18) from its distribution."""
+    return mean + jnp.exp(0.5 * log_variance) * jax.random.normal(key, mean.shape, mean.dtype)
+
+
 def _infer_both(
     spec: Spec,
     variables: Variables,
@@ -204,7 +149,7 @@ def _infer_both(
     features: Features,
     f_id: jax.Array,
     other_f_id: jax.Array,
-    seed: jax.Array,
+    seed_pose: jax.Array,
     *,
     train: bool,
     compute: Compute,
@@ -219,9 +164,90 @@ def _infer_both(
         return apply(spec.generator, variables, key, *clips, train=train, compute=compute, method="infer")[0]
 
     own_key, other_key = jax.random.split(key)
-    own = infer(variables, own_key, features, f_id, seed)
-    other = infer(*jax.lax.stop_gradient((variables, other_key, features, other_f_id, seed)))
+    own = infer(variables, own_key, features, f_id, seed_pose)
+    other = infer(*jax.lax.stop_gradient((variables, other_key, features, other_f_id, seed_pose)))
     return own, other[-1]
+
+
+def terms(
+    spec: Spec, settings: LossSettings, outputs: Outputs, constants: Constants, targets: jax.Array, gan: jax.Array
+) -> Terms:
+    """Return the unweighted terms of Eq. 9; see `Method.terms`."""
+    skeleton = spec.skeleton
+    angles, true = (joint_angles(skeleton, restore(spec, poses)) / jnp.pi for poses in (outputs.poses[-1], targets))
+    levels = tuple(targets[..., jnp.array(channels)] for channels in spec.generator.level_channels)
+    text = outputs.text if settings.text == "own" else jnp.roll(outputs.text, 1, axis=0)
+    return Terms(
+        gan=gan,
+        huber=losses.huber(outputs.poses, levels, settings.huber_delta),
+        physical=losses.physical(angles, jnp.asarray(skeleton.angle_mean), jnp.asarray(skeleton.angle_variance)),
+        style=losses.style(outputs.poses[-1], *constants, delta=settings.style_delta, clip=settings.style_clip),
+        kld=losses.kld(outputs.mean, outputs.log_variance),
+        contrastive=losses.contrastive(
+            text, *outputs.features, temperature=settings.temperature, negatives=settings.negatives
+        ),
+        angle=losses.angle(angles, true),
+    )
+
+
+def loss_settings(settings: Mapping[str, Any]) -> LossSettings:
+    """Return the numbers and choices of the terms; see `Method.loss_settings`."""
+    return LossSettings(**{**settings, "negatives": tuple(settings["negatives"])})
+
+
+def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
+    """Build the networks of `config.model`, the ablations of Tables 3 and 4 included; see `Method.build`.
+
+    Raises:
+        UserError: the inferer has no such levels, or the size of Whisper's mel is another one.
+    """
+    audio, inferer = config.model.audio, config.model.inferer
+    encoder = _whisper(config) if audio.kind == "whisper" else resnet_se(config)
+    generator = HA2G(
+        audio=encoder,
+        text=text_encoder(config, vocabulary_size),
+        identity=identity_encoder(config, num_speakers),
+        level_channels=_level_channels(inferer.levels, skeleton),
+        audio_levels=tuple(name for name in Features._fields if name in audio.levels),
+        is_tied=inferer.coordinator == "tied",
+        has_coordinator=inferer.coordinator != "none",
+        reads_words=config.model.text.kind == "oracle",
+        num_seed_frames=config.data.num_seed_frames,
+        hidden_dim=inferer.hidden_dim,
+        layers=inferer.layers,
+        dropout=inferer.dropout,
+    )
+    discriminator = Discriminator(**config.model.discriminator)
+    inputs = (*encoder.inputs, "words")
+    # The words serve the contrastive loss alone, so that generation does without them.
+    needed = inputs if generator.reads_words else encoder.inputs
+    return make_spec(config, skeleton, generator, discriminator, inputs=needed, training_inputs=inputs)
+
+
+def _level_channels(levels: tuple[int, ...], skeleton: Skeleton) -> tuple[tuple[int, ...], ...]:
+    """The channels of the levels that the pose inferer has a stage for: all, or those that an ablation leaves."""
+    numbers = tuple(levels) or tuple(range(1, skeleton.num_levels + 1))
+    if list(numbers) != sorted(set(numbers)) or numbers[0] < 1 or numbers[-1] != skeleton.num_levels:
+        raise UserError(
+            f"config.model.inferer.levels is {reprlib.repr(numbers)}, expected ascending numbers from 1 that end with "
+            f"{skeleton.num_levels}, the whole pose"
+        )
+    return tuple(skeleton.level_channels[number - 1] for number in numbers)
+
+
+def _whisper(config: Config) -> AsrAudioEncoder:
+    audio, data = config.model.audio, config.data
+    if audio.whisper.num_mels != NUM_ASR_MELS:
+        raise UserError(
+            f"config.model.audio.whisper.num_mels is {audio.whisper.num_mels}, expected {NUM_ASR_MELS}: choose a "
+            "Whisper model other than large-v3"
+        )
+    return AsrAudioEncoder(
+        whisper=WhisperEncoder(**audio.whisper),
+        feature_dim=audio.feature_dim,
+        num_frames=data.num_frames,
+        fps=data.fps,
+    )
 
 
 def _in_parts(function: Any, count: int, key: jax.Array, clips: Any) -> Any:
@@ -243,29 +269,3 @@ def _in_parts(function: Any, count: int, key: jax.Array, clips: Any) -> Any:
     inputs = (jax.random.split(key, count), jax.tree.map(divide, clips))
     # The loop itself keeps the two passes apart; the barriers that do it elsewhere would only cost.
     return jax.tree.map(join, jax.lax.scan(jax.checkpoint(part, prevent_cse=False), None, inputs)[1])
-
-
-def loss_settings(settings: Mapping[str, Any]) -> LossSettings:
-    """Return the numbers and choices of the terms; see `Method.loss_settings`."""
-    return LossSettings(**{**settings, "negatives": losses.negatives(settings)})
-
-
-def terms(
-    spec: Spec, settings: LossSettings, outputs: Outputs, constants: Constants, targets: jax.Array, gan: jax.Array
-) -> Terms:
-    """Return the unweighted terms of Eq. 9; see `Method.terms`."""
-    skeleton = spec.skeleton
-    angles, true = (joint_angles(skeleton, restore(spec, poses)) / jnp.pi for poses in (outputs.poses[-1], targets))
-    levels = tuple(targets[..., jnp.array(channels)] for channels in spec.generator.level_channels)
-    text = outputs.text if settings.text == "own" else jnp.roll(outputs.text, 1, axis=0)
-    return Terms(
-        gan=gan,
-        huber=losses.huber(outputs.poses, levels, settings.huber_delta),
-        physical=losses.physical(angles, jnp.asarray(skeleton.angle_mean), jnp.asarray(skeleton.angle_variance)),
-        angle=losses.angle(angles, true),
-        style=losses.style(outputs.poses[-1], *constants, delta=settings.style_delta, clip=settings.style_clip),
-        kld=losses.kld(outputs.mean, outputs.log_variance),
-        contrastive=losses.contrastive(
-            text, *outputs.features, temperature=settings.temperature, negatives=settings.negatives
-        ),
-    )

@@ -14,10 +14,13 @@ from ha2g_jax.layers.tcn import TextEncoder
 
 
 class PoseStage(nn.Module):
-    """One stage h of the pose inferer (Eq. 4).
+    """One stage h of the pose inferer (Eq. 4):
 
-    Decision D7: the bidirectional GRU reads [p^(h-1) ; f_a^h ; seed bit], as it cannot feed back its own output. In the
-    frames of the seed pose, p^(h-1) is replaced by the seed, see `HA2G.infer`.
+        g^h = BiGRU([p^(h-1) ; f_a^h ; bit])        (B, N, hidden_dim), the sum of both directions
+        p^h = W^h [g^h ; p^(h-1) ; f_a^h] + b^h     (B, N, d^h)
+
+    Decision D7: the bidirectional GRU reads p^(h-1), as it cannot feed back its own output. In the frames of the seed
+    pose p^(h-1) is the seed pose and the bit is 1, see `HA2G.infer`.
     """
 
     pose_dim: int
@@ -35,7 +38,9 @@ class PoseStage(nn.Module):
 
 
 class StyleCoordinator(nn.Module):
-    """How much each audio level counts in each level of the motion, from the identity (HA2G, section 3.2).
+    """How much each audio level counts in each level of the motion, from the identity (HA2G, section 3.2):
+
+        C[l, h] = exp((W f_id)[l, h]) / sum_k exp((W f_id)[k, h])
 
     Attributes:
         audio_levels: of low, mid and high, those that may count; the others have weight 0 (Table 3).
@@ -61,7 +66,12 @@ class StyleCoordinator(nn.Module):
 
 
 class HA2G(nn.Module):
-    """Speech audio, an identity and M seed poses to N poses on each level of the motion hierarchy.
+    """Speech audio, an identity and M seed poses to N poses on each level of the motion hierarchy:
+
+        f_low, f_mid, f_high = E_a(audio)                encode_speech
+        f_id ~ N(mean, s^2),  mean, log s^2 = E_ID       encode_identity
+        f_a^h = sum_l C[l, h] f_l                        blend, Eq. 3
+        p^h = stage h of (p^(h-1), f_a^h)                infer, Eq. 4
 
     Every method can be the `method=` of `apply`. Poses are flat, mean-subtracted direction vectors (D1).
     Only `encode_speech` and `encode_identity` use "batch_stats". In training `infer`, `encode_text` and, with
@@ -104,14 +114,14 @@ class HA2G(nn.Module):
         ]
 
     def __call__(
-        self, inputs: dict[str, jax.Array], identity: jax.Array, seed: jax.Array, *, train: bool
+        self, inputs: dict[str, jax.Array], identity: jax.Array, seed_pose: jax.Array, *, train: bool
     ) -> tuple[jax.Array, ...]:
         """Runs every part once, with the mean for f_id; returns the poses of each level, as `infer`."""
         features = self.encode_speech(inputs, train=train)
         self.encode_text(inputs["words"], train=train)
         mean, _ = self.encode_identity(identity, train=train)
         noise = jnp.zeros((*features[0].shape[:2], self.noise_dim), features[0].dtype)
-        return self.infer(features, mean, seed, noise, train=train)
+        return self.infer(features, mean, seed_pose, noise, train=train)
 
     def encode_speech(self, inputs: dict[str, jax.Array], *, train: bool) -> Features:
         """Maps the spectrogram of windows, such as "mel" (B, 128, 70) in dB, to f_low, f_mid, f_high (B, N, 32)."""
@@ -131,47 +141,52 @@ class HA2G(nn.Module):
         """Maps f_id (B, 18) to the style coordinator C (B, 3, H)."""
         return self.coordinator(f_id)
 
+    def blend(self, features: Features, f_id: jax.Array, noise: jax.Array | None = None) -> jax.Array:
+        """Maps the features, each (B, N, 32), to f_a (H, B, N, 32) of each level of the motion (Eq. 3).
+
+        Behind them stand f_id (B, 18) where the coordinator does not read it, and the noise (B, N, noise_dim).
+        """
+        blended = jnp.einsum("blh,blnf->hbnf", self.coordinate(f_id), jnp.stack(features, axis=1))
+        others = [] if self.has_coordinator else [f_id[:, None]]
+        others += [] if noise is None else [noise]
+        return jnp.concatenate(
+            [blended, *(jnp.broadcast_to(x, (*blended.shape[:3], x.shape[-1])) for x in others)], axis=-1
+        )
+
     def infer(
         self,
-        features: tuple[jax.Array, jax.Array, jax.Array],
+        features: Features,
         f_id: jax.Array,
-        seed: jax.Array,
+        seed_pose: jax.Array,
         noise: jax.Array | None = None,
         *,
         train: bool,
     ) -> tuple[jax.Array, ...]:
         """Pose inferer, coarse to fine (Eq. 3 and 4).
 
-        Stage h sees p^(h-1) in the frames after the seed pose, and in those of the seed pose the seed. D7: the seed is
+        Stage h sees p^(h-1) in the frames after the seed pose, and in those of the seed pose the seed pose. D7: it is
         that of the stage's own level h, so that all of it reaches the poses whatever levels an ablation leaves out;
         the channels that level h adds to level h - 1 are 0 in the frames after it. For stage 1, p^0 is 0.
 
         Args:
             features: f_low, f_mid, f_high, each (B, N, 32).
             f_id: (B, 18) identity, sampled or the mean.
-            seed: (B, M, pose_dim) true poses of the first M frames, mean-subtracted.
+            seed_pose: (B, M, pose_dim) true poses of the first M frames, mean-subtracted.
             noise: (B, N, noise_dim), None for a model without.
 
         Returns:
-            Per level (B, N, d^h), mean-subtracted, the seed frames predicted as well.
+            Per level (B, N, d^h), mean-subtracted, the frames of the seed pose predicted as well.
         """
-        blended = jnp.einsum("blh,blnf->hbnf", self.coordinate(f_id), jnp.stack(features, axis=1))  # Eq. 3
         batch, num_frames = features[0].shape[:2]
-        is_seed = jnp.broadcast_to(jnp.arange(num_frames)[None, :, None] < self.num_seed_frames, (batch, num_frames, 1))
-
-        if not self.has_coordinator:
-            style = jnp.broadcast_to(f_id[None, :, None], (*blended.shape[:3], f_id.shape[-1]))
-            blended = jnp.concatenate([blended, style], axis=-1)
-        if noise is not None:
-            noise = jnp.broadcast_to(noise, (len(blended), *noise.shape))
-            blended = jnp.concatenate([blended, noise], axis=-1)
-
-        poses: list[jax.Array] = []
-        for level, (stage, channels) in enumerate(zip(self.stages, self.level_channels, strict=True)):
-            free = jnp.zeros((batch, num_frames - self.num_seed_frames, len(channels)), seed.dtype)
-            if poses:
-                places = [channels.index(channel) for channel in self.level_channels[level - 1]]
-                free = free.at[..., jnp.array(places)].set(poses[-1][:, self.num_seed_frames :], unique_indices=True)
-            previous = jnp.concatenate([seed[..., jnp.array(channels)], free], axis=1)
-            poses.append(stage(previous, blended[level], is_seed.astype(seed.dtype), train=train))
-        return tuple(poses)
+        num_free = num_frames - self.num_seed_frames
+        is_seed = jnp.broadcast_to(jnp.arange(num_frames)[:, None] < self.num_seed_frames, (batch, num_frames, 1))
+        pose = jnp.pad(seed_pose, ((0, 0), (0, num_free), (0, 0)))  # the seed pose, and behind it what is known so far
+        levels: list[jax.Array] = []
+        for stage, channels, audio in zip(
+            self.stages, self.level_channels, self.blend(features, f_id, noise), strict=True
+        ):
+            columns = jnp.array(channels)
+            levels.append(stage(pose[..., columns], audio, is_seed.astype(pose.dtype), train=train))
+            free = levels[-1][:, self.num_seed_frames :]
+            pose = pose.at[:, self.num_seed_frames :, columns].set(free, unique_indices=True)
+        return tuple(levels)

@@ -27,7 +27,7 @@ def export(motion: Motion, path: str | pathlib.Path, *, rig: str = rigs.OWN) -> 
     `.npz` is the file of `Motion.save`, or with the rig smplx a file of SMPL-X poses. Pelvis, legs and place of the
     person are written where the motion has them, and its face to `.npz` only; the floor is at y = 0 but in SMPL-X. In
     `.glb` and `.vrma` the name and the seconds of the speech are "speech" and "duration" of `motion.meta`. The same
-    motion gives the same bytes, but for `.fbx`. The file is written completely or not at all.
+    motion gives the same bytes, but for `.fbx`. The file is written atomically.
 
     Args:
         path: file whose suffix is one of `SUFFIXES`, or `FBX`.

@@ -58,7 +58,7 @@ def write_video(
 
     The poses between the frames of a motion are interpolated on the sphere. A fixed camera shows all figures at one
     size, as large as hands and head stay in the picture. The same input gives the same bytes on one machine, whatever
-    the number of workers. The file is written completely or not at all.
+    the number of workers. The file is written atomically.
 
     Args:
         motion: one motion, or several by name, whose figures are drawn side by side with their names.

@@ -1,4 +1,4 @@
-"""Limits of what is read, and texts of any origin in one printable line."""
+"""Limits of what is read, and untrusted texts in one printable line."""
 
 import os
 import pathlib

@@ -1,4 +1,4 @@
-"""A study is made from folders of motion, whole or not at all, and its site tells nothing that the key keeps."""
+"""A study is made from folders of motion atomically, and its site tells nothing that the key keeps."""
 
 import collections
 import hashlib

@@ -1,4 +1,4 @@
-"""`ha2g web` writes a folder that any static host can serve, completely or not at all, and says what it lacks."""
+"""`ha2g web` writes, atomically, a folder that any static host can serve, and says what it lacks."""
 
 import json
 import os

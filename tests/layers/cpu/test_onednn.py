@@ -18,8 +18,8 @@ from hypothesis import given, settings
 
 from ha2g_jax.layers.cpu import convolution, onednn
 from ha2g_jax.layers.cpu.onednn import library
-from ha2g_jax.layers.cpu.recurrence import gru_scan
 from ha2g_jax.layers.gru_cell import Gates
+from ha2g_jax.layers.gru_scan import gru_scan
 from ha2g_jax.train.measure import count_operations
 
 try:

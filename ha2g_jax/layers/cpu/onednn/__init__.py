@@ -1,6 +1,6 @@
 """Convolutions and GRUs of oneDNN for training on CPUs, which the extra `ha2g-jax[onednn]` adds.
 
-The functions have gradients of any order in reverse mode. Arrays are float32; `cpu.convolution` and `cpu.recurrence`
+The functions have gradients of any order in reverse mode. Arrays are float32; `cpu.convolution` and `gru_scan`
 explain the arguments. `library` compiles the C++ of this folder and registers it with JAX; `methods.networks.apply`
 chooses oneDNN for a run of a network (`Compute.onednn`).
 """

@@ -1,6 +1,6 @@
-"""The recurrence of GRUs in training: independent GRUs side by side in one scan, with a gradient written by hand.
+"""Independent GRUs side by side in one scan, with a gradient written by hand.
 
-`layers.gru_cell` has the equations.
+The states are those of `gru_cell.scan_states`, which has the equations; read that first.
 """
 
 import functools
