@@ -24,6 +24,7 @@ import json
 import numpy as np
 
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import reason
 from ha2g_jax.motion import rotations
 from ha2g_jax.motion.armature import Animation, Armature, ha2g_armature, world
 from ha2g_jax.motion.lower_body import JOINTS as LOWER_JOINTS
@@ -72,7 +73,7 @@ def load_rig(name: str) -> Rig:
     """Load one of `RIGS`; "ha2g" is the rig of the joints of TED-Expressive.
 
     Raises:
-        UserError: there is no such rig.
+        UserError: there is no such rig, or its table cannot be used.
     """
     if name == OWN:
         armature = ha2g_armature(load_skeleton("ted_expressive"))
@@ -80,10 +81,22 @@ def load_rig(name: str) -> Rig:
         return Rig(OWN, False, tuple(RigJoint(joint, parent, joint, joint, offset) for joint, parent, offset in rows))
     if name not in RIGS:
         raise UserError(f"no rig {name}; expected one of {', '.join(RIGS)}")
+    try:
+        return _read_rig(name)
+    except (KeyError, TypeError, ValueError) as error:
+        raise UserError(f"the rig {name} cannot be read ({reason(error)}); correct its table {name}.json") from error
+
+
+def _read_rig(name: str) -> Rig:
     table = json.loads((_TABLES / f"{name}.json").read_text(encoding="utf-8"))
+    if table["name"] != name:
+        raise ValueError(f"its name is {table['name']}")
+    known = {None, *(joint.name for joint in load_rig(OWN).joints), *LOWER_JOINTS, *OTHER_NAMES}
     indices: dict[str | None, int] = {None: -1}
     joints = []
     for row in table["joints"]:
+        if unknown := {row["carries"], row["place"]} - known:
+            raise ValueError(f"{row['name']} carries or has the place of {unknown.pop()}, which {OWN} has not")
         vectors = {key: rotations.unit(row[key]) for key in ("rest", "t_pose", "direction") if row.get(key) is not None}
         joints.append(
             RigJoint(

@@ -88,6 +88,21 @@ def test_the_rig_of_the_docs_is_a_file_and_no_code(tmp_path, add_rig, suffix):
     assert b"LeftForearm" in (tmp_path / f"m{suffix}").read_bytes()
 
 
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda table: table["joints"][1].update(carries="spin"), "Chest carries or has the place of spin, which ha2g"),
+        (lambda table: table["joints"][1].update(parent="Bse"), "Bse"),
+        (lambda table: table["joints"][2].pop("offset"), "offset"),
+        (lambda table: table.update(name="robot2"), "its name is robot2"),
+    ],
+)
+def test_a_mistake_in_a_rig_is_one_line(tmp_path, add_rig, change, message):
+    add_rig(change)
+    with pytest.raises(UserError, match=f"the rig robot cannot be read .*{message}"):
+        formats.export(swaying(), tmp_path / "m.bvh", rig="robot")
+
+
 def test_a_rig_without_the_joints_of_a_body_has_no_glb(tmp_path, add_rig):
     def without_hand(table: dict) -> None:
         table["joints"] = [joint for joint in table["joints"] if joint["name"] != "LeftHand"]
