@@ -172,8 +172,7 @@ def _sha256(corpus: Corpus) -> str:
 def _parts(parts: Iterable[Mapping[str, Any]]) -> Iterator[str]:
     """Yield the hashes of corpora that are in a merged one, at any depth."""
     for part in parts:
-        if "sha256" in part:  # not in corpora that an earlier version merged
-            yield part["sha256"]
+        yield part["sha256"]
         yield from _parts(part.get("merged", ()))
 
 

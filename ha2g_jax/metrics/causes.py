@@ -58,14 +58,12 @@ class Predictions(NamedTuple):
     clips: np.ndarray
 
 
-def shown_flexions(
-    flexions: np.ndarray, time: float, fps: float, window: tuple[float, float] = SHAPE_WINDOW
-) -> np.ndarray:
-    """Return the mean flexion (hands, 5) around the time of a word, or that of the nearest frame if none is in the
-    window.
+def shown_flexions(flexions: np.ndarray, time: float, fps: float) -> np.ndarray:
+    """Return the mean flexion (hands, 5) in `SHAPE_WINDOW` around the time of a word, or that of the nearest frame if
+    none is in it.
     """
     frames = np.arange(len(flexions)) / fps - time
-    seen = (frames >= window[0]) & (frames <= window[1])
+    seen = (frames >= SHAPE_WINDOW[0]) & (frames <= SHAPE_WINDOW[1])
     if not seen.any():
         seen = np.abs(frames) == np.abs(frames).min()
     return flexions[seen].mean(axis=0)

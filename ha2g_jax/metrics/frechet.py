@@ -11,6 +11,7 @@ from ha2g_jax.metrics.row import FGD_CUT, FGD_SEEDED_CUT, Latents, Row, row_late
 NUM_HALVES = 20  # random divisions of ground truth
 SAMPLES_PER_DIMENSION = 10  # below, the bias of the distance is of the order of what it should measure
 
+_NUM_LINES = 5  # through random subsets, whose intercepts are averaged
 _NUM_SIZES = 15  # of subsets, from which the distance of sets without end is extrapolated
 _CLOSE = 1e-4  # ratio to the traces below which their difference has lost digits that matter
 
@@ -95,7 +96,7 @@ def half_split_floor(latents: np.ndarray, recordings: np.ndarray, *, num_draws: 
     return floors
 
 
-def extrapolate(generated: np.ndarray, real: np.ndarray, *, num_draws: int = 5, seed: int = 0) -> float:
+def extrapolate(generated: np.ndarray, real: np.ndarray, *, seed: int = 0) -> float:
     """Estimate the distance of sets without end, as the intercept of a line through FGD against 1/n.
 
     Chong and Forsyth 2020 (FID infinity): the bias of the distance falls as 1/n, so that it can be read off subsets of
@@ -111,7 +112,7 @@ def extrapolate(generated: np.ndarray, real: np.ndarray, *, num_draws: int = 5, 
     least = max(2, min(most // 2, max(most // 10, 2 * real.shape[1])))
     sizes = np.unique(np.linspace(least, most, _NUM_SIZES).astype(int))
     rng = np.random.default_rng(seed)
-    distances = np.empty((num_draws, len(sizes)))
+    distances = np.empty((_NUM_LINES, len(sizes)))
     for place in np.ndindex(distances.shape):
         size = sizes[place[1]]
         rows = rng.permutation(len(generated))[:size]

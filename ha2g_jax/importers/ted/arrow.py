@@ -83,9 +83,9 @@ class _Table(NamedTuple):
     data: bytes
     position: int
 
-    def number(self, slot: int, format: str, default: int = 0) -> int:
+    def number(self, slot: int, format: str) -> int:
         position = self._find(slot)
-        return default if position is None else _unpack("<" + format, self.data, position)[0]
+        return 0 if position is None else _unpack("<" + format, self.data, position)[0]
 
     def text(self, slot: int) -> str:
         start, length = self._vector(slot, 1)

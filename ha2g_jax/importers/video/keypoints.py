@@ -94,11 +94,11 @@ def from_holistic(
 def _add_torso(skeleton: Skeleton, out: np.ndarray, landmarks: np.ndarray) -> None:
     left, right = (landmarks[:, index] for index in _SHOULDERS)
     shoulders, hips = (left + right) / 2, landmarks[:, _HIPS].mean(axis=1)
-    up = _unit(shoulders - hips)
+    up = normalize(shoulders - hips)
     half = np.linalg.norm(left - right, axis=-1, keepdims=True) / 2
     neck = shoulders + _NECK_RISE * half * up
     if landmarks.shape[-1] == 3:
-        neck += _NECK_BACK * half * _unit(np.cross(up, left - right))
+        neck += _NECK_BACK * half * normalize(np.cross(up, left - right))
     out[:, skeleton.joint("neck")] = neck
     out[:, skeleton.joint("spine")] = shoulders + _SPINE * (hips - shoulders)
 
@@ -124,10 +124,6 @@ def _add_hand(
             points[is_found, joint] = hand[is_found, landmark, :2]
             confidence[is_found, joint] = 1
     confidence[is_found, wrist] = 1  # the wrist is part of the hand that was found
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-8)
 
 
 def clean(

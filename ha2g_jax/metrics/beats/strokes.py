@@ -51,27 +51,26 @@ def wrist_positions(skeleton: Skeleton, directions: np.ndarray) -> np.ndarray:
     return positions[:, [skeleton.joint("left_wrist"), skeleton.joint("right_wrist")]]
 
 
-def stroke_beats(positions: np.ndarray, fps: float, rise: float = RISE) -> np.ndarray:
+def stroke_beats(positions: np.ndarray, fps: float) -> np.ndarray:
     """Return the times in seconds, (n,), at which a downward stroke of a hand ends.
 
     The speed v(t + 1/2) = max over wrists of (y(t + 1) - y(t)) fps is downward, y pointing down. A stroke is a strict
-    local maximum of v that stands out by at least `rise` from the nearest local minimum on both sides; a parabola
+    local maximum of v that stands out by at least `RISE` from the nearest local minimum on both sides; a parabola
     through the maximum and its neighbours places it between frames, and it ends half a stroke later. Motion that
     stands still has none, and raising the hand, which prepares a stroke, is none.
 
     Chosen on the Talk corpus, where every stroke is known: the teacher with other noise finds 0.97 of the strokes, and
     0.31 with mismatched speech. Other simple definitions find fewer or do not separate: 0.73 (0.44) the minima of the
     wrists' speed, as a hand also stands still before it strikes; 0.97 (0.50) the maxima of the speed
-    in any direction. From 0.05 to 0.3 m/s the order is the same; the rise is small so that small strokes count.
+    in any direction. From 0.05 to 0.3 m/s the order is the same; it is small so that small strokes count.
 
     Args:
         positions: (T, 2, 3) positions of the wrists in metres, y down.
-        rise: least rise of the speed in m/s.
     """
     if len(positions) < 4:
         return np.zeros(0)
     down = np.diff(positions[..., 1], axis=0).max(axis=1) * fps
-    return (deep_minima(-down, rise) + 0.5) / fps + HIT_DELAY
+    return (deep_minima(-down, RISE) + 0.5) / fps + HIT_DELAY
 
 
 def match(strokes: np.ndarray, causes: np.ndarray, beats: np.ndarray, tolerance: float = TOLERANCE) -> Matches:
