@@ -19,7 +19,8 @@ function keepOpen(address, begin) {
 /** The body of an agent. */
 export class Body {
   #source;
-  #waiting = []; // messages, until the source is open
+  #wasOpen = false;
+  #waiting = []; // messages, until the source is open for the first time
   #bones = [];
   #rotations = [];
 
@@ -29,8 +30,11 @@ export class Body {
    */
   constructor(source = "ws://127.0.0.1:8765", sink = "ws://127.0.0.1:8766") {
     keepOpen(source, (socket) => {
-      [this.#source, this.#waiting] = [socket, []];
-      socket.onopen = () => this.#waiting.forEach((message) => socket.send(message));
+      this.#source = socket;
+      socket.onopen = () => {
+        this.#wasOpen = true;
+        this.#waiting.splice(0).forEach((message) => socket.send(message));
+      };
     });
     keepOpen(sink, (socket) => {
       socket.onmessage = ({ data }) => {
@@ -52,8 +56,8 @@ export class Body {
   }
 
   #send(message) {
-    if (this.#source.readyState === WebSocket.CONNECTING) this.#waiting.push(message);
-    else this.#source.send(message);
+    if (this.#source.readyState === WebSocket.OPEN) this.#source.send(message);
+    else if (!this.#wasOpen) this.#waiting.push(message); // later it would be stale
   }
 
   /** Poses an avatar of three-vrm; call it in each frame, before `vrm.update`. */

@@ -46,7 +46,7 @@ MANIFEST = "manifest.json"
 """Name of the file of a pack that holds no motion."""
 
 _UPPER = [JOINTS.index(name) for name in rests.UPPER_BODY]
-_GENERATED = "_gestures"  # what `ha2g generate` puts after the name of the speech
+_GENERATED = re.compile(r"_gestures(_seed\d+)?$")  # what `ha2g generate` puts after the name of the speech
 _PAIRS_PER_PROCESS = 32  # a process takes seconds to start
 _SHOWN = 3
 _DIED = "a process that read the motion was killed, perhaps because memory ran out; evaluate fewer files at once"
@@ -161,7 +161,7 @@ def read_directions(path: pathlib.Path, skeleton: str, **reading: Unpack[Reading
 def clip_of(name: str, clips: Container[str]) -> str | None:
     """Return the clip of a file of motion, such as talk for talk, talk.2 and sample_2/talk, None if there is none."""
     clip, _, number = name.rpartition(".")
-    found = (name, clip.removesuffix(_GENERATED) if number.isdecimal() else "", SAMPLE.sub("", name))
+    found = (name, _GENERATED.sub("", clip) if number.isdecimal() else "", SAMPLE.sub("", name))
     return next((clip for clip in found if clip in clips), None)
 
 
@@ -176,7 +176,7 @@ def find_motions(folder: pathlib.Path) -> dict[str, pathlib.Path]:
     """
     found: dict[str, pathlib.Path] = {}
     for name, path in list_motions(folder).items():
-        clip = name.removesuffix(_GENERATED)
+        clip = _GENERATED.sub("", name)
         if clip in found:
             raise UserError(f"{shown(found[clip])} and {shown(path)} are motions of one clip; move one of them")
         found[clip] = path
@@ -205,7 +205,7 @@ def list_motions(folder: pathlib.Path) -> dict[str, pathlib.Path]:
     for path in sorted(paths, key=lambda path: (kinds[path.suffix.lower()], path)):
         if not path.name.startswith(".") and path.name != MANIFEST:
             name = path.relative_to(folder).with_suffix("").as_posix()
-            clip = re.sub(rf"{_GENERATED}(_seed\d+)?$", "", name)
+            clip = _GENERATED.sub("", name)
             if path.suffix.lower() != ".json" or clip not in clips:
                 found.setdefault(name, path)
                 clips.add(clip)
@@ -231,7 +231,7 @@ def find_sounds(folders: set[pathlib.Path]) -> dict[tuple[pathlib.Path, str], pa
 
 def sound_key(path: pathlib.Path) -> tuple[pathlib.Path, str]:
     """Return what a motion and the sound beside it have in common: the folder, and the name of the clip."""
-    return path.parent, path.stem.removesuffix(_GENERATED).lower()
+    return path.parent, _GENERATED.sub("", path.stem).lower()
 
 
 def _read(pair: _Pair, skeleton: str, reading: Reading, with_audio: bool) -> _Read:

@@ -339,6 +339,8 @@ def sound_delay(path: pathlib.Path) -> float:
 
     They are 0 without sound, and of a file that FFmpeg does not read, which has no images.
     """
+    if not path.is_file():  # a pipe would be read for ever
+        return 0.0
     try:
         with open_media(path) as container:
             return _first_time(container) - (container.start_time or 0) / av.time_base

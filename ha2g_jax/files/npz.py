@@ -1,4 +1,4 @@
-"""Safe reader of `.npz` and `.npy` untrusted files, without pickle and with checks of all sizes."""
+"""Safe reader of untrusted `.npz` and `.npy` files, without pickle and with checks of all sizes."""
 
 import io
 import math

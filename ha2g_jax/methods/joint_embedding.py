@@ -67,8 +67,8 @@ class SeedEncoder(nn.Module):
     """Seed poses (B, M, pose_dim) to one vector (B, 32)."""
 
     @nn.compact
-    def __call__(self, seed: jax.Array, *, train: bool) -> jax.Array:
-        x = Linear(_SEED_DIM, name="linear_1")(seed.reshape(seed.shape[0], -1))
+    def __call__(self, seed_pose: jax.Array, *, train: bool) -> jax.Array:
+        x = Linear(_SEED_DIM, name="linear_1")(seed_pose.reshape(seed_pose.shape[0], -1))
         x = nn.relu(BatchNorm(name="norm")(x, train=train))
         return Linear(_SEED_DIM, name="linear_2")(x)
 
@@ -100,11 +100,11 @@ class JointEmbedding(nn.Module):
         self.decoder = FrameDecoder(self.pose_dim, self.hidden_dim, self.layers, self.dropout)
 
     def __call__(
-        self, inputs: dict[str, jax.Array], identity: jax.Array | None, seed: jax.Array, *, train: bool
+        self, inputs: dict[str, jax.Array], identity: jax.Array | None, seed_pose: jax.Array, *, train: bool
     ) -> tuple[jax.Array, ...]:
         """Runs every part once, without noise; returns the poses, as `infer`."""
-        features, style = self.encode_speech(inputs, train=train), mean_style(self, identity, seed, train=train)
-        poses = self.infer(features, jnp.zeros_like(features[0]), style, seed, train=train)
+        features, style = self.encode_speech(inputs, train=train), mean_style(self, identity, seed_pose, train=train)
+        poses = self.infer(features, jnp.zeros_like(features[0]), style, seed_pose, train=train)
         self.encode_pose(poses[-1], train=train)
         return poses
 
@@ -120,11 +120,11 @@ class JointEmbedding(nn.Module):
         """Maps true poses (B, N, pose_dim) to mean and log-variance; training takes the mean for the latent."""
         return self.pose_encoder(poses, train=train)
 
-    def decode(self, latent: jax.Array, style: jax.Array, seed: jax.Array, *, train: bool) -> jax.Array:
+    def decode(self, latent: jax.Array, style: jax.Array, seed_pose: jax.Array, *, train: bool) -> jax.Array:
         """Maps a latent (B, 32), of speech or of poses, a style (B, style_dim) and the seed (B, M, pose_dim) to poses
         (B, N, pose_dim).
         """
-        x = jnp.concatenate([self.seed_encoder(seed, train=train), latent, style], axis=-1)
+        x = jnp.concatenate([self.seed_encoder(seed_pose, train=train), latent, style], axis=-1)
         return self.decoder(jnp.repeat(x[:, None], self.num_frames, axis=1), train=train)
 
     def infer(
@@ -132,7 +132,7 @@ class JointEmbedding(nn.Module):
         features: tuple[jax.Array, jax.Array],
         noise: jax.Array,
         style: jax.Array,
-        seed: jax.Array,
+        seed_pose: jax.Array,
         *,
         train: bool,
     ) -> tuple[jax.Array, ...]:
@@ -142,7 +142,7 @@ class JointEmbedding(nn.Module):
         (B, M, pose_dim) the true poses of the first M frames. The only level (B, N, pose_dim) has the seed frames
         predicted as well. Poses are mean-subtracted.
         """
-        return (self.decode(sample_latent(features, noise), style, seed, train=train),)
+        return (self.decode(sample_latent(features, noise), style, seed_pose, train=train),)
 
 
 def sample_latent(distribution: tuple[jax.Array, jax.Array], noise: jax.Array) -> jax.Array:
@@ -229,11 +229,11 @@ def run(
     speech is always a sample, in evaluation too, that of the poses never. The style is always the mean of the identity,
     as no term of the objective keeps its distribution near another. See `Method.run`.
     """
-    speech, identity, seed = speech_arguments(spec, batch)
+    speech, identity, seed_pose = speech_arguments(spec, batch)
     poses = subtract_mean(spec, batch["directions"])
     noise = jax.random.normal(keys["latent"], (len(poses), spec.generator.latent_dim), poses.dtype)
     from_speech = jax.random.bernoulli(keys["coin"]) if train else jnp.ones((), bool)
-    clips = (speech, identity, poses, seed, noise, from_speech)
+    clips = (speech, identity, poses, seed_pose, noise, from_speech)
     decoded, batch_stats = apply(
         spec.generator,
         variables,
@@ -251,7 +251,7 @@ def _encode_and_decode(
     speech: dict[str, jax.Array],
     identity: jax.Array | None,
     poses: jax.Array,
-    seed: jax.Array,
+    seed_pose: jax.Array,
     noise: jax.Array,
     from_speech: jax.Array,
     *,
@@ -259,7 +259,7 @@ def _encode_and_decode(
 ) -> jax.Array:
     latent, _ = model.encode_pose(poses, train=train)
     latent = jnp.where(from_speech, sample_latent(model.encode_speech(speech, train=train), noise), latent)
-    return model.decode(latent, mean_style(model, identity, seed, train=train), seed, train=train)
+    return model.decode(latent, mean_style(model, identity, seed_pose, train=train), seed_pose, train=train)
 
 
 def terms(spec: Spec, settings: None, outputs: Poses, constants: None, targets: jax.Array, gan: None) -> Terms:

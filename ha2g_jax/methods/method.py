@@ -237,8 +237,8 @@ def make_spec(
 def speech_arguments(spec: Spec, batch: Mapping[str, jax.Array]) -> tuple[Any, ...]:
     """Return the arguments of a generator called with the speech, the identities and the seed poses of a batch."""
     speech = {name: batch[name] for name in spec.training_inputs}
-    seed = subtract_mean(spec, batch["directions"])[:, : spec.num_seed_frames]
-    return speech, batch[spec.identity] if spec.identity else None, seed
+    seed_pose = subtract_mean(spec, batch["directions"])[:, : spec.num_seed_frames]
+    return speech, batch[spec.identity] if spec.identity else None, seed_pose
 
 
 def subtract_mean(spec: Spec, directions: jax.Array) -> jax.Array:

@@ -96,9 +96,9 @@ def speech_features(audio: Any, text: TextEncoder | None, inputs: Mapping[str, j
     return jnp.concatenate(parts, axis=-1)
 
 
-def mean_style(generator: Any, identity: jax.Array | None, seed: jax.Array, *, train: bool) -> jax.Array:
+def mean_style(generator: Any, identity: jax.Array | None, seed_pose: jax.Array, *, train: bool) -> jax.Array:
     """Return the means of the identities by a bound generator, (B, style_dim); (B, 0) without identities."""
-    return seed[:, 0, :0] if identity is None else generator.encode_identity(identity, train=train)[0]
+    return seed_pose[:, 0, :0] if identity is None else generator.encode_identity(identity, train=train)[0]
 
 
 def encode_speech(spec: Spec, variables: Variables, speech: Batch) -> Any:

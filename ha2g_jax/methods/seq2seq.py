@@ -130,11 +130,11 @@ class Seq2Seq(nn.Module):
         self.decoder = PoseDecoder(self.pose_dim, self.hidden_dim, self.layers, self.dropout)
 
     def __call__(
-        self, inputs: dict[str, jax.Array], identity: jax.Array | None, seed: jax.Array, *, train: bool
+        self, inputs: dict[str, jax.Array], identity: jax.Array | None, seed_pose: jax.Array, *, train: bool
     ) -> tuple[jax.Array]:
         """Run every part once and return the poses of `infer`."""
-        style = mean_style(self, identity, seed, train=train)
-        return self.infer(self.encode_speech(inputs, train=train), style, seed, train=train)
+        style = mean_style(self, identity, seed_pose, train=train)
+        return self.infer(self.encode_speech(inputs, train=train), style, seed_pose, train=train)
 
     def encode_speech(self, inputs: dict[str, jax.Array], *, train: bool) -> Sentence:
         """Maps "plain_words" (B, T), word indices and then 0, or "mel" (B, 128, 70) in dB to a sentence."""
@@ -146,7 +146,7 @@ class Seq2Seq(nn.Module):
         """Maps images (B, M, S, S, 3) to mean and log-variance of the style, each (B, style_dim)."""
         return self.identity(images, train=train)
 
-    def infer(self, sentence: Sentence, style: jax.Array, seed: jax.Array, *, train: bool) -> tuple[jax.Array]:
+    def infer(self, sentence: Sentence, style: jax.Array, seed_pose: jax.Array, *, train: bool) -> tuple[jax.Array]:
         """The roll-out, the same in training and in synthesis, from the true poses (B, M, pose_dim) of the first M
         frames, in a style (B, style_dim).
 
@@ -156,9 +156,9 @@ class Seq2Seq(nn.Module):
         """
         words, states = sentence
         keys = self.attention_words(words)
-        num_free = self.num_frames - 1 - seed.shape[1]
-        known = jnp.pad(jnp.swapaxes(seed, 0, 1), ((0, num_free), (0, 0), (0, 0)))
-        is_known = (jnp.arange(self.num_frames - 1) < seed.shape[1])[:, None, None]
+        num_free = self.num_frames - 1 - seed_pose.shape[1]
+        known = jnp.pad(jnp.swapaxes(seed_pose, 0, 1), ((0, num_free), (0, 0), (0, 0)))
+        is_known = (jnp.arange(self.num_frames - 1) < seed_pose.shape[1])[:, None, None]
 
         def step(decoder, carry, frame):
             states, previous = carry
@@ -179,7 +179,7 @@ class Seq2Seq(nn.Module):
             split_rngs={"params": False, "dropout": True},
         )
         _, poses = scan(self.decoder, start, (known, is_known))
-        return (jnp.concatenate([seed[:, :1], jnp.swapaxes(poses, 0, 1)], axis=1),)
+        return (jnp.concatenate([seed_pose[:, :1], jnp.swapaxes(poses, 0, 1)], axis=1),)
 
 
 # Square below which the norm of a value that never moves has gradient 0, as a square root has none there.

@@ -130,11 +130,11 @@ class Speech2Gesture(nn.Module):
         self.output = nn.Conv(self.pose_dim, (1,), kernel_init=initializers.LINEAR)
 
     def __call__(
-        self, inputs: dict[str, jax.Array], identity: jax.Array | None, seed: jax.Array, *, train: bool
+        self, inputs: dict[str, jax.Array], identity: jax.Array | None, seed_pose: jax.Array, *, train: bool
     ) -> tuple[jax.Array]:
         """Run every part once and return the poses of `infer`."""
-        style = mean_style(self, identity, seed, train=train)
-        return self.infer(self.encode_speech(inputs, train=train), style, seed, train=train)
+        style = mean_style(self, identity, seed_pose, train=train)
+        return self.infer(self.encode_speech(inputs, train=train), style, seed_pose, train=train)
 
     def encode_speech(self, inputs: dict[str, jax.Array], *, train: bool) -> jax.Array:
         """Maps "mel" (B, 128, 70) in dB to features on frames (B, N, channels)."""
@@ -144,13 +144,13 @@ class Speech2Gesture(nn.Module):
         """Maps images (B, M, S, S, 3) to mean and log-variance of the style, each (B, style_dim)."""
         return self.identity(images, train=train)
 
-    def infer(self, features: jax.Array, style: jax.Array, seed: jax.Array, *, train: bool) -> tuple[jax.Array]:
+    def infer(self, features: jax.Array, style: jax.Array, seed_pose: jax.Array, *, train: bool) -> tuple[jax.Array]:
         """Decodes features (B, N, channels), a style (B, style_dim) and the true poses (B, M, pose_dim) of the first M
         frames.
 
         The only level (B, N, pose_dim) has the seed frames predicted as well.
         """
-        start = nn.relu(self.seed_norm(self.seed_in(seed.reshape(len(seed), -1)), train=train))
+        start = nn.relu(self.seed_norm(self.seed_in(seed_pose.reshape(len(seed_pose), -1)), train=train))
         start = jnp.concatenate([self.seed_out(start), style], axis=-1)
         start = jnp.repeat(start[:, None], features.shape[1], axis=1)
         x = jnp.concatenate([features, start], axis=-1)

@@ -41,11 +41,11 @@ class Trimodal(nn.Module):
         self.decoder = FrameDecoder(self.pose_dim, self.hidden_dim, self.layers, self.dropout, self.slope)
 
     def __call__(
-        self, inputs: dict[str, jax.Array], identity: jax.Array, seed: jax.Array, *, train: bool
+        self, inputs: dict[str, jax.Array], identity: jax.Array, seed_pose: jax.Array, *, train: bool
     ) -> tuple[jax.Array, ...]:
         """Runs every part once, with the mean for the style; returns the poses, as `infer`."""
         mean, _ = self.encode_identity(identity, train=train)
-        return self.infer(self.encode_speech(inputs, train=train), mean, seed, train=train)
+        return self.infer(self.encode_speech(inputs, train=train), mean, seed_pose, train=train)
 
     def encode_speech(self, inputs: dict[str, jax.Array], *, train: bool) -> jax.Array:
         """Maps "audio" (B, 36267), or "mel", and "words" (B, N) to (B, N, features); see `networks.speech_features`."""
@@ -55,15 +55,17 @@ class Trimodal(nn.Module):
         """Maps speaker indices (B,) or images to mean and log-variance of z, each (B, style_dim)."""
         return self.identity(identity, train=train)
 
-    def infer(self, features: jax.Array, style: jax.Array, seed: jax.Array, *, train: bool) -> tuple[jax.Array, ...]:
+    def infer(
+        self, features: jax.Array, style: jax.Array, seed_pose: jax.Array, *, train: bool
+    ) -> tuple[jax.Array, ...]:
         """Every frame sees its seed pose or zeros, a bit that marks seeds, the speech and the style.
 
         Features (B, N, features) of `encode_speech`, a style z (B, style_dim) and the true poses (B, M, pose_dim) of
         the first M frames give one level (B, N, pose_dim), the seed frames predicted as well. Poses are
         mean-subtracted.
         """
-        (batch, num_frames), num_seed_frames = features.shape[:2], seed.shape[1]
-        marked = jnp.concatenate([seed, jnp.ones_like(seed[..., :1])], axis=-1)
+        (batch, num_frames), num_seed_frames = features.shape[:2], seed_pose.shape[1]
+        marked = jnp.concatenate([seed_pose, jnp.ones_like(seed_pose[..., :1])], axis=-1)
         known = jnp.pad(marked, ((0, 0), (0, num_frames - num_seed_frames), (0, 0)))
         styles = jnp.broadcast_to(style[:, None], (batch, num_frames, style.shape[-1]))
         return (self.decoder(jnp.concatenate([known, features, styles], axis=-1), train=train),)
@@ -153,7 +155,7 @@ def run(
     Each of the two has its own sample of the style, so that they differ even where a speaker stays in place.
     Evaluation mode takes the mean of each style, not a sample. See `Method.run`.
     """
-    speech, speaker, seed = speech_arguments(spec, batch)
+    speech, speaker, seed_pose = speech_arguments(spec, batch)
     (features, (mean, log_variance)), batch_stats = apply(
         spec.generator, variables, keys["dropout"], speech, speaker, train=train, compute=compute, method=_encode
     )
@@ -167,7 +169,7 @@ def run(
 
     # The two of a clip lie side by side on the batch axis, so that a batch split over devices stays where it is.
     styles = jnp.stack([z, other_z], axis=1).reshape(2 * len(z), -1)
-    twice = jnp.repeat(features, 2, axis=0), styles, jnp.repeat(seed, 2, axis=0)
+    twice = jnp.repeat(features, 2, axis=0), styles, jnp.repeat(seed_pose, 2, axis=0)
     (poses,), _ = apply(
         spec.generator, variables, keys["dropout"], *twice, train=train, compute=compute, method=Trimodal.infer
     )

@@ -96,7 +96,7 @@ def _read_rig(name: str) -> Rig:
     joints = []
     for row in table["joints"]:
         if unknown := {row["carries"], row["place"]} - known:
-            raise ValueError(f"{row['name']} carries or has the place of {unknown.pop()}, which {OWN} has not")
+            raise ValueError(f"{row['name']} carries or has the place of {unknown.pop()}, which is no joint of {OWN}")
         vectors = {key: rotations.unit(row[key]) for key in ("rest", "t_pose", "direction") if row.get(key) is not None}
         joints.append(
             RigJoint(

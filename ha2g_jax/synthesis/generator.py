@@ -180,7 +180,7 @@ class Generator(abc.ABC, Generic[S]):
 
     @abc.abstractmethod
     def sample_windows(
-        self, audio: np.ndarray, words: Sequence[Word], style: np.ndarray, start: np.ndarray, seed: int
+        self, audio: np.ndarray, words: Sequence[Word], style: np.ndarray, seed_pose: np.ndarray, seed: int
     ) -> np.ndarray:
         """Sample the poses of all windows of speech that has been checked.
 
@@ -188,7 +188,7 @@ class Generator(abc.ABC, Generic[S]):
             audio: (samples,) float32 mono samples at 16 kHz.
             words: words of the audio, for a model that reads words.
             style: (style_dim,) style.
-            start: (M, bones, 3) unit vectors, the seed pose of the first window.
+            seed_pose: (M, bones, 3) unit vectors, that of the first window.
             seed: seed of the noise.
 
         Returns:
@@ -302,7 +302,8 @@ def join(
 ) -> np.ndarray:
     """Return the joined frames (T, bones, 3) of the windows that cover checked speech; they may be longer than it.
 
-    The arguments are those of `Generator.sample_windows`; without a `start`, the seed selects a seed pose of the model.
+    The arguments are those of `Generator.sample_windows`; `start` is the seed pose, by default that of the model
+    which the seed selects.
 
     Raises:
         UserError: the values of the model are not finite.

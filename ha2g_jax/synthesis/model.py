@@ -60,11 +60,11 @@ class Model(Generator[Spec]):
         return choose_style(self.spec, self.variables, self.assets, style, seed)
 
     def sample_windows(
-        self, audio: np.ndarray, words: Sequence[Word], style: np.ndarray, start: np.ndarray, seed: int
+        self, audio: np.ndarray, words: Sequence[Word], style: np.ndarray, seed_pose: np.ndarray, seed: int
     ) -> np.ndarray:
         speech, count = _windows(self, audio, words)
         chunks = encode_chunks(self.spec, self.variables, speech, self.assets.vocabulary, count)
-        return sample_windows(self.spec, self.variables, chunks, style, start, seed, count)
+        return sample_windows(self.spec, self.variables, chunks, style, seed_pose, seed, count)
 
     def stream(
         self,

@@ -74,7 +74,7 @@ class OnnxModel(Generator[Description]):
         return choose_style(self.spec, {}, self.assets, style, seed)
 
     def sample_windows(
-        self, audio: np.ndarray, words: Sequence[Word], style: np.ndarray, start: np.ndarray, seed: int
+        self, audio: np.ndarray, words: Sequence[Word], style: np.ndarray, seed_pose: np.ndarray, seed: int
     ) -> np.ndarray:
         """Sample the poses of all windows of speech, see `Generator.sample_windows`.
 
@@ -90,7 +90,7 @@ class OnnxModel(Generator[Description]):
             inputs = window(speech, ("mel",), self.assets.vocabulary, first, spec.num_frames, self.fps)
             return self._run(self.encoder, FEATURES, {"mel": inputs["mel"][None]})
 
-        poses, seed_pose = [], np.asarray(start, np.float32)[None]
+        poses, seed_pose = [], np.asarray(seed_pose, np.float32)[None]
         inputs = {"style": np.asarray(style, np.float32)[None]}
         ahead = concurrent.futures.ThreadPoolExecutor(1)
         try:

@@ -99,6 +99,11 @@ class Decoder:
         self._stated, self._rest, self._left = rate, b"", sys.maxsize
         self._form: dict[str, Any] = {}  # of the sound, as soon as it is known
         self._width, self._resampler = 2 * channels, None
+        self._is_cleared = False
+
+    def clear(self) -> None:
+        """Expect that the sound of a WAV is cut off: the next bytes may begin another one."""
+        self._is_cleared = True
 
     def decode(self, data: bytes, *, is_last: bool = False) -> np.ndarray:
         """Return the samples float32 of further bytes.
@@ -106,6 +111,9 @@ class Decoder:
         Raises:
             UserError: they are of another kind of file, or of a WAV with another rate than the one that is stated.
         """
+        if self._is_cleared and data.startswith(b"RIFF"):
+            self._rest, self._form, self._resampler, self._left = b"", {}, None, sys.maxsize
+        self._is_cleared = self._is_cleared and not data
         self._rest += data
         parts = [np.zeros((0, *[2] * (self._channels == 2)), np.float32)]
         while self._form or self._begin(is_last):

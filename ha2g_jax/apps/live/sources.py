@@ -265,8 +265,8 @@ class WebSocketSource:
                         raise
                     connection.send(json.dumps({"error": str(error)}))
                     continue
-                if isinstance(piece, Change) and piece.clear:  # the rest of a WAV is not sent any more
-                    decoder = Decoder(self._rate, self._channels)
+                if isinstance(piece, Change) and piece.clear:
+                    decoder.clear()
                 if not isinstance(piece, Change):
                     inbox.check_space()
                 if not inbox.put(piece):

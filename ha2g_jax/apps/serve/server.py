@@ -102,7 +102,7 @@ class Server(uvicorn.Server):
             server_header=False,
             ws="websockets-sansio",
             ws_max_size=settings.message_bytes,
-            ws_ping_interval=None,  # a client whose sound waits is not read; `idle_seconds` ends one that has vanished
+            ws_ping_interval=None,  # no pong is read while sound waits; `idle_seconds` ends dead clients
             ws_per_message_deflate=False,
             timeout_graceful_shutdown=1,
         )

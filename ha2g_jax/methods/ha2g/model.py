@@ -40,7 +40,7 @@ class PoseStage(nn.Module):
 class StyleCoordinator(nn.Module):
     """How much each audio level counts in each level of the motion, from the identity (HA2G, section 3.2):
 
-        C[l, h] = exp((W f_id)[l, h]) / sum_k exp((W f_id)[k, h])
+        C[l, h] = exp((W f_id)[l, h]) / sum_k exp((W f_id)[k, h]),   k over `audio_levels`
 
     Attributes:
         audio_levels: of low, mid and high, those that may count; the others have weight 0 (Table 3).

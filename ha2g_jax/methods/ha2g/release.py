@@ -138,13 +138,13 @@ class ReleaseHA2G(nn.Module):
         ]
 
     def __call__(
-        self, inputs: dict[str, jax.Array], identity: jax.Array, seed: jax.Array, *, train: bool
+        self, inputs: dict[str, jax.Array], identity: jax.Array, seed_pose: jax.Array, *, train: bool
     ) -> tuple[jax.Array, ...]:
         """Runs every part once, with the mean for f_id; returns the poses of each level, as `infer`."""
         features = self.encode_speech(inputs, train=train)
         self.encode_text(inputs["words"], train=train)
         mean, _ = self.encode_identity(identity, train=train)
-        return self.infer(features, mean, seed, train=train)
+        return self.infer(features, mean, seed_pose, train=train)
 
     def encode_speech(self, inputs: dict[str, jax.Array], *, train: bool) -> SpeechFeatures:
         """Maps "mel" (B, 128, 70) in dB and "words" (B, N) to features of the audio and of the text of each level."""
@@ -172,7 +172,7 @@ class ReleaseHA2G(nn.Module):
         return self.coordinator.blend(f_id[:, : self.identity.feature_dim])
 
     def infer(
-        self, features: SpeechFeatures, f_id: jax.Array, seed: jax.Array, *, train: bool
+        self, features: SpeechFeatures, f_id: jax.Array, seed_pose: jax.Array, *, train: bool
     ) -> tuple[jax.Array, ...]:
         """Pose inferer, coarse to fine, as `model.HA2G.infer`; the identity f_id is (B, 16 (1 + H))."""
         low, mid, high, texts = features
@@ -180,21 +180,21 @@ class ReleaseHA2G(nn.Module):
         styles = jnp.split(f_id[:, self.identity.feature_dim :], len(self.level_channels), axis=-1)
         poses: list[jax.Array] = []
         for level, stage in enumerate(self.stages):
-            known = self._known(level, poses, seed, low.shape[1])
+            known = self._known(level, poses, seed_pose, low.shape[1])
             style = jnp.broadcast_to(styles[level][:, None], (*low.shape[:2], styles[level].shape[-1]))
             x = jnp.concatenate([known, blended[level], texts[level], style], axis=-1)
             poses.append(stage.decoder(x, train=train))
         return tuple(poses)
 
-    def _known(self, level: int, poses: list[jax.Array], seed: jax.Array, num_frames: int) -> jax.Array:
+    def _known(self, level: int, poses: list[jax.Array], seed_pose: jax.Array, num_frames: int) -> jax.Array:
         """Return what a level sees of poses, and the bit that marks the seed, (B, N, d^h + 1).
 
         In the frames of the seed these are its poses and 1, at every level; after them the poses of the level below, 0
         in channels that the level adds, and 0.
         """
         channels = self.level_channels[level]
-        given = jnp.concatenate([seed[..., jnp.array(channels)], jnp.ones_like(seed[..., :1])], axis=-1)
-        free = jnp.zeros((len(seed), num_frames - self.num_seed_frames, len(channels) + 1), seed.dtype)
+        given = jnp.concatenate([seed_pose[..., jnp.array(channels)], jnp.ones_like(seed_pose[..., :1])], axis=-1)
+        free = jnp.zeros((len(seed_pose), num_frames - self.num_seed_frames, len(channels) + 1), seed_pose.dtype)
         if poses:
             places = [channels.index(channel) for channel in self.level_channels[level - 1]]
             if self.has_shifted_head:  # the last of them takes the place of the bit

@@ -62,7 +62,7 @@ def stroke_beats(positions: np.ndarray, fps: float) -> np.ndarray:
     Chosen on the Talk corpus, where every stroke is known: the teacher with other noise finds 0.97 of the strokes, and
     0.31 with mismatched speech. Other simple definitions find fewer or do not separate: 0.73 (0.44) the minima of the
     wrists' speed, as a hand also stands still before it strikes; 0.97 (0.50) the maxima of the speed
-    in any direction. From 0.05 to 0.3 m/s the order is the same; it is small so that small strokes count.
+    in any direction. From 0.05 to 0.3 m/s the order is the same; `RISE` is small so that small strokes count.
 
     Args:
         positions: (T, 2, 3) positions of the wrists in metres, y down.

@@ -52,8 +52,8 @@ def read_cues(path: str | os.PathLike, media: pathlib.Path | None = None) -> tup
     """Read the cues of a file: of lines of JSON (`.jsonl`, see `read_cue`), or of subtitles (`.srt`, `.vtt`).
 
     In subtitles a cue stands in brackets before its word, as in "there are [count:3] three of them", or else after it;
-    one that is alone in a subtitle peaks at its beginning. Subtitles count from the beginning of the recording `media`,
-    whose sound may begin later, and the times of the cues from that of its sound.
+    one that is alone in a subtitle peaks at its beginning. Times in subtitles count from the start of the
+    recording `media`, and the times of the cues from the start of its sound, which may be later.
 
     Raises:
         UserError: the file cannot be read, is of another kind, or has no cues or a cue that there is not.

@@ -12,8 +12,9 @@ from ha2g_jax.files.writing import whole_file
 from ha2g_jax.motion import rotations
 from ha2g_jax.motion.armature import Animation, figure_armature
 from ha2g_jax.motion.formats.body_mesh import COLOURS, body_mesh
+from ha2g_jax.motion.lower_body import JOINTS as LOWER_JOINTS
 from ha2g_jax.motion.lower_body import SOLE
-from ha2g_jax.motion.rigs import rest_positions
+from ha2g_jax.motion.rigs import places, rest_positions
 from ha2g_jax.skeleton import Skeleton
 
 # A joint that changes by less than this needs no channel: its node already has the rest rotation.
@@ -160,7 +161,8 @@ def _rest_place(animation: Animation) -> np.ndarray:
     if not _moves(animation):
         return animation.translation[0]
     _, positions = rest_positions(animation.armature)
-    return np.array([0.0, SOLE - positions[:, 1].min(), 0.0])
+    legs = [index for name, index in places(animation.armature).items() if name in LOWER_JOINTS]
+    return np.array([0.0, SOLE - positions[legs, 1].min(), 0.0]) if legs else animation.translation[0]
 
 
 def _plain(values: np.ndarray) -> list[float]:

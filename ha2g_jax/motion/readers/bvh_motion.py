@@ -302,7 +302,8 @@ def _lower(
 def _find_unit(positions: np.ndarray, skeleton: Skeleton, unit: float | None) -> float:
     """Return the metres in one unit, checked or found by the median length of the arms.
 
-    They are metric where a person can have such arms, be it a child: an adult's in inches are too short in centimetres.
+    A metric unit is taken if it gives arms of a possible length, those of a child included; an adult's arms in inches,
+    read as centimetres, would be too short.
     """
     length = arm_length(positions, skeleton, "left", "right")
     fitting = [metres for metres in _METRIC_UNITS if ARM_RANGE[0] <= length * metres <= ARM_RANGE[1]]

@@ -1,7 +1,6 @@
 """Reader of the animation of a glTF 2.0 file in one part, `.glb`, `.vrma` or `.vrm`, of any program."""
 
 import pathlib
-import re
 import struct
 from collections.abc import Iterator
 from typing import Any
@@ -25,7 +24,6 @@ _MIN_FPS, _MAX_FPS = 10.0, 240.0  # at which keys are taken for frames
 _ROUNDED = 0.0021  # seconds by which steps between times in milliseconds differ
 _LATE = 1e-4  # seconds by which rounding makes a time too late
 _ROOT = "(scene)"  # the joint above all others, as there may be several roots
-_NUMBER = re.compile(r"_\d+$")
 _UNEQUAL = 0.01  # relative difference of scales that rounding explains
 _COMPONENTS = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
@@ -93,7 +91,7 @@ class _File:
             local[:, index] = rest[index]
             if (node, "rotation") in tracks:
                 local[:, index] = _sample(*tracks[node, "rotation"], times)
-        names = (_ROOT, *_without_numbers([self._name(node) for node in joints]))
+        names = (_ROOT, *map(self._name, joints))
         if twice := [name for index, name in enumerate(names) if name in names[:index]]:
             raise UserError(f"{shown(self.path)} has two joints named {shown(twice[0])}; keep one person in the file")
         with naming(self.path):
@@ -182,13 +180,6 @@ class _File:
         if not limits.MIN_MOTION_FPS <= fps <= limits.MAX_MOTION_FPS:
             raise ValueError(f"{fps:g} frames per second")
         return np.arange(1 + round(every[-1] * fps)) / fps, fps
-
-
-def _without_numbers(names: list[str]) -> list[str]:
-    """Return the names of joints without the number that Sketchfab puts behind each, as in LeftHand_011."""
-    plain = [_NUMBER.sub("", name) for name in names]
-    is_numbered = 2 * sum(name != given for name, given in zip(plain, names, strict=True)) > len(names)
-    return plain if is_numbered and len(set(plain)) == len(plain) else names
 
 
 def _transform(node: dict[str, Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -11,6 +11,7 @@ import collections
 import importlib.resources
 import json
 import pathlib
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -30,6 +31,7 @@ AUTO = "auto"
 HEAD = "head"
 
 _EXPECTED = "a joint map in JSON or YAML"
+_NUMBER = re.compile(r"_\d+$")
 _MAX_DEPTH = 3  # a map has lists within its lines; one more, so that the message names the joint
 _MAX_SHOWN, _MAX_LISTED, _MAX_LISTED_LETTERS = 40, 8, 400
 
@@ -201,6 +203,7 @@ def find(joint_map: JointMap, joints: Sequence[str], wanted: Sequence[str], file
 def _find(joint_map: JointMap, joints: Sequence[str], wanted: Sequence[str]) -> dict[str, list[int]]:
     """Return the indices of the joints of a file that may be the wanted ones, of those that it has."""
     exact = {joint: index for index, joint in enumerate(joints)}
+    joints = _without_numbers(joints)
     affixes = _affixes(joint_map, joints)
     plain: dict[str, list[int]] = {}
     for index, joint in enumerate(joints):
@@ -212,6 +215,13 @@ def _find(joint_map: JointMap, joints: Sequence[str], wanted: Sequence[str]) -> 
             if alike:
                 found.setdefault(ours, alike)
     return found
+
+
+def _without_numbers(joints: Sequence[str]) -> Sequence[str]:
+    """Return the names of joints without the number that Sketchfab puts behind each, as in LeftHand_011."""
+    plain = [_NUMBER.sub("", joint) for joint in joints]
+    is_numbered = 2 * sum(name != joint for name, joint in zip(plain, joints, strict=True)) > len(joints)
+    return plain if is_numbered and len(set(plain)) == len(plain) else joints
 
 
 def _affixes(joint_map: JointMap, joints: Sequence[str]) -> list[tuple[str, str]]:

@@ -6,6 +6,7 @@ import { round, toFloat16 } from "../src/rounding.js";
 import { logMel, melPower, NUM_MELS } from "../src/sound/mel.js";
 import { resample } from "../src/sound/resample.js";
 import { RunningMel } from "../src/sound/running-mel.js";
+import { RunningResampler } from "../src/sound/running-resampler.js";
 import { isSilent } from "../src/sound/speech.js";
 import { readSound } from "../src/sound/wav.js";
 import { noise } from "./model.js";
@@ -125,4 +126,23 @@ test("numbers are rounded as in Python", () => {
   const halves = [-80, -79.97, -33.3333, -1.00048828125, -0.1, -6e-5, -1e-6, 0].map(toFloat16);
   const expected = [-80, -80, -33.34375, -1, -0.0999755859375, -0.00006002187728881836, -1.0132789611816406e-6, 0];
   assert.deepEqual(halves.map((value) => value + 0), expected);
+});
+
+test("sound that arrives in pieces of any size is resampled as in one", () => {
+  for (const rate of [8000, 44100, 48000]) {
+    const [whole, parts] = [new RunningResampler(rate), new RunningResampler(rate)];
+    const samples = sine(300, rate);
+    const expected = whole.push(samples);
+    const found: number[] = [];
+    for (let at = 0, size = 1; at < samples.length; at += size, size = (7 * size + 3) % 999) {
+      found.push(...parts.push(samples.subarray(at, at + size)));
+      size ||= 1;
+    }
+    assert.deepEqual(found, [...expected]);
+    assert.ok(expected.length > 7900 && expected.length <= 8000);
+    expected.slice(100).forEach((value, k) => {
+      assert.ok(Math.abs(value - 0.5 * Math.sin((2 * Math.PI * 300 * (k + 100)) / 16000)) < 2e-3);
+    });
+  }
+  assert.throws(() => new RunningResampler(NaN), /expected the rate/);
 });

@@ -98,7 +98,7 @@ def test_words_and_speakers_change_every_level():
 
 def test_the_other_identity_keeps_the_blend_and_draws_the_styles():
     spec, variables, batch = _model("ted_gesture")
-    keys = {name: jax.random.key(index) for index, name in enumerate(ha2g.keys)}
+    keys = {name: jax.random.key(index) for index, name in enumerate(ha2g.rngs)}
     outputs, constants, _ = jax.jit(lambda: release.run(spec, variables, batch, keys, train=True))()
     assert outputs.mean.shape == outputs.log_variance.shape == constants.f_id.shape == (B, 16)  # of the last level
     assert np.isfinite(outputs.log_variance).all() and len(outputs.features) == 3

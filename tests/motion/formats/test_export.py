@@ -91,7 +91,10 @@ def test_the_rig_of_the_docs_is_a_file_and_no_code(tmp_path, add_rig, suffix):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda table: table["joints"][1].update(carries="spin"), "Chest carries or has the place of spin, which ha2g"),
+        (
+            lambda table: table["joints"][1].update(carries="spin"),
+            "Chest carries or has the place of spin, which is no joint of ha2g",
+        ),
         (lambda table: table["joints"][1].update(parent="Bse"), "Bse"),
         (lambda table: table["joints"][2].pop("offset"), "offset"),
         (lambda table: table.update(name="robot2"), "its name is robot2"),

@@ -16,6 +16,7 @@ export class RunningResampler {
 
   /** @param rate - samples per second of what arrives. */
   constructor(rate: number) {
+    if (!(rate > 0)) throw new Error(`${rate} samples per second; expected the rate of the sound`);
     this.step = rate / NEW_RATE;
     this.cutoff = Math.min(1, NEW_RATE / rate);
     this.filter = Float32Array.from({ length: ZEROS * STEPS + 2 }, (_, i) => {
