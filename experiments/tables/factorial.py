@@ -38,7 +38,7 @@ MEASURED = ("finger_correlation", "probe_accuracy", "style_handedness", "style_a
 GATE_ROWS = (ORACLE, presets.FULL)
 
 _GATE, _GATE_MEASURE = 0.5, "talk.finger_correlation"
-_POWER, _MOST_BLOCKS = 0.8, 64
+_POWER, _LEAST_BLOCKS, _MOST_BLOCKS = 0.8, 2, 64
 _RULES = f"""\
 An effect is the mean over blocks of the mean of the four cells with a part less that of the four without it; errors \
 hold for other trainings and other speakers. *Held*: all measures of a claim are better, and the largest of their \
@@ -207,7 +207,7 @@ def _needed(mean: Mean, measure: Measure, tail: float) -> int | None:
     """
     advantage = _advantage(measure, mean.value)
     distance = max(advantage, measure.matters - advantage)
-    for count in range(2, _MOST_BLOCKS + 1):
+    for count in range(_LEAST_BLOCKS, _MOST_BLOCKS + 1):
         error = (mean.error or 0.0) * math.sqrt(mean.num / count)
         if distance >= (stats.t.ppf(1 - tail / 2, count - 1) + stats.t.ppf(_POWER, count - 1)) * error:
             return count
@@ -311,13 +311,18 @@ def _listed(blocks: Sequence[int]) -> str:
 
 def _claim_line(answer: Answer, blocks: int) -> tuple[str, ...]:
     pairs = zip(answer.question.measures, answer.effects, strict=True)
-    more = "-" if answer.p_value is None else "out of reach" if answer.blocks is None else "0"
+    if answer.p_value is None:  # one block has no spread
+        more = f"at least {_LEAST_BLOCKS - blocks}" if blocks < _LEAST_BLOCKS else "-"
+    elif answer.verdict == UNDECIDED:
+        more = "out of reach" if answer.blocks is None else str(max(answer.blocks - blocks, 1))
+    else:
+        more = "0"
     return (
         answer.question.claim,
         "; ".join(f"{measure.title} {spread_text(spread)}" for measure, spread in pairs),
         "-" if answer.p_value is None else f"{answer.p_value:.3f}",
         f"**{answer.verdict}**",
-        str(max(answer.blocks - blocks, 1)) if answer.blocks else more,
+        more,
     )
 
 
