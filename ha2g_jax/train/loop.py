@@ -93,7 +93,7 @@ def _train(
     if held_out is None and hosts.is_first():
         tqdm.tqdm.write(
             f"{corpus.path} has no split {inputs.VALIDATION!r} that this model can use, so there will be no best "
-            "checkpoint; make a split with ha2g data split",
+            "checkpoint; make one with ha2g data split, of speakers in training if the model has a table of speakers",
             file=sys.stderr,
         )
     batch_size, num_steps = config.train.batch_size, config.train.steps

@@ -112,6 +112,8 @@ def test_a_folder_of_speakers(recording, tmp_path, monkeypatch):
         ("z", "ada"),
         ("b", "ben"),
     ]
+    import_bvh(tmp_path / "in" / "ada", tmp_path / "flat")
+    assert Corpus.open(tmp_path / "flat").speakers == ("ada",)
     import_bvh(tmp_path / "in" / "ben" / "b.bvh", tmp_path / "alone", ImportOptions(speaker="ben"))
     assert corpus.clips("val").record(2) == Corpus.open(tmp_path / "alone").clips("train").record(0)
 

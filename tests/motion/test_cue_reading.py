@@ -41,6 +41,14 @@ def test_a_marker_belongs_to_the_word_after_it_else_to_the_one_before(tmp_path):
     assert [cue.time for cue in read] == [words["three"], words["well"], words["well"], 5.0, words["bye"]]
 
 
+def test_a_cue_alone_in_a_subtitle_peaks_at_its_beginning_without_a_gap_behind_it(tmp_path):
+    (tmp_path / "a.srt").write_text(
+        "1\n00:00:01,000 --> 00:00:05,000\n[wave]\n\n2\n00:00:05,000 --> 00:00:07,000\nhello [nod] everyone\n"
+    )
+    wave, nod = reading.read_cues(tmp_path / "a.srt")
+    assert (wave.name, wave.time) == ("wave", 1) and 5 < (nod.time or 0) < 7
+
+
 def test_cues_in_subtitles_count_from_the_beginning_of_the_video(tmp_path, monkeypatch):
     """Its sound, from which a motion counts, begins two seconds later."""
     monkeypatch.setattr(reading, "sound_delay", lambda media: 2.0)

@@ -259,8 +259,8 @@ def read_pilot(measure: str, paths: Sequence[pathlib.Path], key: Key) -> tuple[S
         equal = float((choices.outcome == 0).mean()) if len(choices.outcome) else 0.0
     if not variances:
         raise UserError(
-            f"the pilot study has too few answers for {measure}: it needs two participants and two clips with answers "
-            "to the same pair of systems; give --sd-participants and --sd-clips"
+            f"the pilot study has too few answers for {measure}: two participants have to answer for two clips of the "
+            "same pair of systems each, as where there are fewer clips; give --sd-participants and --sd-clips"
         )
     means = np.mean(variances, axis=0)
     if not np.any(means):

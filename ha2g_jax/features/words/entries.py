@@ -44,6 +44,7 @@ _MAX_ROW = 1 << 16
 # File, channel, start, duration and word of a line of NIST's CTM, and perhaps more.
 _CTM = re.compile(r"\S+ +\S+ +[0-9]+(?:\.[0-9]*)? +[0-9]+(?:\.[0-9]*)? +\S+(?: +\S+){0,3}")
 _CTM_COLUMNS = "tier\tspeaker\tstart\tduration\tword"
+_ROUNDED = 0.011  # seconds by which a length and the difference of two times may differ
 # Speech has 5 to 25 letters a second; in milliseconds it seems to have a thousandth of that.
 _LEAST_LETTERS = 0.05
 
@@ -180,12 +181,17 @@ def parse_table(text: str, path: pathlib.Path) -> list[Tier]:
         found = _columns_by_values(header)
         if found is None:
             raise UserError(f"{name} has the columns {', '.join(header)[:80]}; expected start, end and word")
+        rows = [(number, header), *rows]
+        if found["start"][0] == 1 and len({row[0] for _, row in rows}) == len(rows):
+            found.pop("tier", None)  # each row has a name of its own
         columns = found
-        rows = itertools.chain([(number, header)], rows)
+        header = header[: found["text"][0] + 1]
     if "text" in columns:
         others = {columns["text"][0]: ""}
     tiers: dict[str, list[Stretch]] = {}
     for number, row in rows:
+        if len(row) > len(header) and columns.get("text", (-1,))[0] == len(header) - 1:
+            row[len(header) - 1 :] = [", ".join(row[len(header) - 1 :])]  # commas of a text that is not quoted
         try:
             for place, tier in others.items():
                 if tier and not row[place].strip():
@@ -206,15 +212,22 @@ def _columns_by_values(row: Sequence[str]) -> dict[str, tuple[int, float | None]
     """Return the columns of a row of a table whose columns have no names, as of Audacity, ELAN and aeneas; None if it
     has no two times before a text.
 
-    ELAN writes the tier, the participant, and start, end and length, each of them in one or more units.
+    ELAN writes the tier, perhaps the participant, and start, end and length, each of them in one or more units. Of
+    three numbers that are not these, the first is that of the row.
     """
     first = next((place for place, field in enumerate(row[:3]) if _is_number(field)), len(row))
     count = len([*itertools.takewhile(_is_number, row[first:-1])])
     if count not in (2, 3, 4, 6, 9):
         return None
     end, text = first + (count // 3 if count % 3 == 0 else count // 2), first + count
+    if count == 3:
+        start, stop, length = (_time(field, None) or 0.0 for field in row[first:text])
+        if abs(stop - start - length) > _ROUNDED:
+            if stop > length:
+                return None
+            first, end = first + 1, end + 1
     columns: dict[str, tuple[int, float | None]] = {"start": (first, None), "end": (end, None), "text": (text, None)}
-    return columns | ({"tier": (0, None)} if first == 2 else {})
+    return columns | ({"tier": (0, None)} if first in (1, 2) and not _is_number(row[0]) else {})
 
 
 def _table_lines(text: str) -> tuple[list[str], str]:
@@ -241,7 +254,7 @@ def _rows(text: str, path: pathlib.Path) -> Iterator[tuple[int, list[str]]]:
         raise UserError(f"{shown(path)} has a line of more than {_MAX_ROW} characters; expected start, end and word")
     # Tools that write tabs do not quote, and a transcript may have a single quotation mark.
     quoting = csv.QUOTE_NONE if separator == "\t" else csv.QUOTE_MINIMAL
-    reader = csv.reader(lines, delimiter=separator or ",", quoting=quoting, strict=True)
+    reader = csv.reader((f"{line}\n" for line in lines), delimiter=separator or ",", quoting=quoting, strict=True)
     try:
         for row in reader:
             if any(field.strip() for field in row) and row[0] != "\\":

@@ -14,7 +14,7 @@ from ha2g_jax.files.reading import shown
 from ha2g_jax.limits import MAX_SUBTITLE_LETTERS
 
 _INLINE_TIME = re.compile(r"<((?:[0-9]{1,4}:)?[0-9]{1,2}:[0-9]{1,2}\.[0-9]{1,3})>")
-_TIME = r"((?:[0-9]{1,4}:)?[0-9]{1,2}:[0-9]{1,2}(?:[.,][0-9]{1,9})?)"
+_TIME = r"(-?(?:[0-9]{1,4}:)?[0-9]{1,2}:[0-9]{1,2}(?:[.,][0-9]{1,9})?)"
 _TIMES = re.compile(rf"{_TIME}[ \t]*-->[ \t]*{_TIME}(?![0-9:.,])")
 _UNDERLINED = re.compile(r"<u>([^<\n]{0,200})</u>")
 _PAUSE = 0.5  # seconds after which a line is said again and not shown again
@@ -34,7 +34,7 @@ def parse_subtitles(text: str, path: pathlib.Path) -> list[Tier]:
         raise UserError(f"{shown(path)} has {found}: cut the file")
     is_vtt = text.lstrip().startswith("WEBVTT")
     lines = [line.strip(" \t") or line[:1] for line in text.split("\n")]
-    borders = [number for number, line in enumerate(lines) if "-->" in line and line[0].isdigit()]
+    borders = [number for number, line in enumerate(lines) if "-->" in line and line.removeprefix("-")[0].isdigit()]
     cues = []
     for border, after in itertools.pairwise([*borders, len(lines) + 1]):
         body = lines[border + 1 : after]
@@ -97,5 +97,6 @@ def _spoken(raw: str, labels: set[str]) -> str:
 
 
 def _to_seconds(time: str) -> float:
-    *hours, minutes, seconds = time.replace(",", ".").split(":")
-    return 3600 * int(hours[0] if hours else 0) + 60 * int(minutes) + float(seconds)
+    *hours, minutes, seconds = time.removeprefix("-").replace(",", ".").split(":")
+    found = 3600 * int(hours[0] if hours else 0) + 60 * int(minutes) + float(seconds)
+    return -found if time.startswith("-") else found  # of a file whose times an editor has shifted

@@ -95,7 +95,8 @@ def find(media: pathlib.Path, *, is_alone: bool = True) -> pathlib.Path | None:
     """Find the transcript of a recording in its folder.
 
     The first match wins: a file with the recording's stem; with the stem and a language, as in `talk.en.vtt`; with the
-    stem cut at its last dot, and so on; the only file called `words.*`, if no other recording is in the folder. The
+    stem cut at its last dot, and so on; the only file called `words.*`, if no other recording is in the folder. A file
+    with the stem of another recording, as interview.ann.srt beside interview.bob.mp4, is only that one's. The
     order among files of one stem is .TextGrid, .json, .tsv, .csv, .ctm, .vtt, .srt, .txt. A .json or .csv of motion
     that `ha2g export` wrote is none. Returns None without any.
 
@@ -111,11 +112,14 @@ def find(media: pathlib.Path, *, is_alone: bool = True) -> pathlib.Path | None:
         (path for path in names if path.is_file() and not _is_motion(path)),
         key=lambda path: (_PREFERENCE.index(path.suffix.lower()), path.name),
     )
+    others = {path.stem for path in media.parent.iterdir() if path.suffix.lower() not in _PREFERENCE} - {media.stem}
     stem = media.stem
     while stem:
         of_stem = [path for path in files if path.stem == stem]
         in_language = [
-            path for path in files if path.stem.startswith(stem) and _LANGUAGE.fullmatch(path.stem[len(stem) :])
+            path
+            for path in files
+            if path.stem.startswith(stem) and _LANGUAGE.fullmatch(path.stem[len(stem) :]) and path.stem not in others
         ]
         if of_stem or in_language:
             return (of_stem or in_language)[0]

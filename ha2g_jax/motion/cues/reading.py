@@ -5,11 +5,13 @@ import json
 import os
 import pathlib
 import re
+from collections.abc import Container
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.features import words as transcripts
 from ha2g_jax.features.audio import sound_delay
 from ha2g_jax.features.words.encodings import read_text
+from ha2g_jax.features.words.subtitles import parse_subtitles
 from ha2g_jax.files.reading import naming, parse_json, shown
 from ha2g_jax.motion.cues.cue import CLIP, Cue, check_cue, check_name
 from ha2g_jax.skeleton import Skeleton
@@ -93,6 +95,7 @@ def _of_subtitles(text: str, path: pathlib.Path, media: pathlib.Path | None) -> 
     words = transcripts.parse_words(text, path) if places else ()
     if [found[index].text for index in places] != [word.text for word in words]:
         raise UserError(f"{shown(path)} has cues that are at no word; put each one right before a word")
+    alone = [] if "<" in spelled else _alone(spelled, path, placeholders)
     delay = 0.0 if media is None else sound_delay(media)
     starts = dict(zip(places, (word.start for word in words), strict=True))
     breaks = [index for index in range(1, len(found)) if found[index].start - found[index - 1].end >= _GAP]
@@ -101,9 +104,20 @@ def _of_subtitles(text: str, path: pathlib.Path, media: pathlib.Path | None) -> 
         for index in range(first, end):
             if (text := found[index].text) in placeholders:
                 near = [place for place in (*range(index, end), *range(index, first - 1, -1)) if place in starts]
-                start = starts[near[0]] if near else found[index].start
+                own = [start for start, end in alone if start <= found[index].start < end]
+                start = own[0] if own else starts[near[0]] if near else found[index].start
                 cues.append(Cue(markers[placeholders[text]], max(start - delay, 0.0)))
     return tuple(cues)
+
+
+def _alone(text: str, path: pathlib.Path, placeholders: Container[str]) -> list[tuple[float, float]]:
+    """Return start and end of the subtitles that have cues and no word."""
+    cues = [(cue, transcripts.split_words(cue.text)) for tier in parse_subtitles(text, path) for cue in tier.stretches]
+    return [
+        (cue.start, cue.end)
+        for cue, words in cues
+        if words and all(word in placeholders for word in words) and cue.start is not None and cue.end is not None
+    ]
 
 
 def read_clip(cue: Cue | str, skeleton: Skeleton) -> Cue:

@@ -82,9 +82,9 @@ def find_recordings(
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise UserError(f"{shown(src)} holds two recordings that would both be called {twice}; rename one")
-    in_folders = any(path.parent != root for path in paths)
+    is_one = src.is_file()
     folders = [path.parent for path in paths]
-    speakers = [speaker or shown(resolved(path.parent).name if in_folders else path.stem) for path in paths]
+    speakers = [speaker or shown(path.stem if is_one else resolved(path.parent).name) for path in paths]
     sound, text = (None if file is None else pathlib.Path(file) for file in (audio, words))
     return [
         MotionRecording(path, name, own, sound, text, folders.count(path.parent) == 1)

@@ -168,3 +168,12 @@ def test_what_is_said_twice_is_read_twice(cue, tmp_path):
     )
     words = [word.text for word in transcripts.read_words(path)]
     assert len(words) == 3 * (1 + cue.startswith("no")) and set(words) <= {"yes", "no"}
+
+
+def test_times_before_the_beginning_are_those_of_a_shifted_file(tmp_path):
+    (tmp_path / "a.srt").write_text(
+        "1\n-00:00:02,500 --> -00:00:01,000\ngone\n\n2\n-00:00:00,500 --> 00:00:01,000\nfirst\n\n"
+        "3\n00:00:01,000 --> 00:00:02,000\nsecond\n"
+    )
+    words = transcripts.read_words(tmp_path / "a.srt")
+    assert [(word.text, word.start, word.end) for word in words] == [("first", 0, 1), ("second", 1, 2)]

@@ -124,6 +124,7 @@ def test_a_gigabyte_is_not_read(tmp_path):
         (["ab.tsv", "words.tsv"], "words.tsv"),
         (["words.tsv", "words.TextGrid"], None),
         (["ab.tsv", "a.md"], None),
+        (["a.ann.srt", "a.ann.mp4"], None),  # of another recording
         ([], None),
     ],
 )
@@ -133,6 +134,31 @@ def test_the_transcript_of_a_recording_is_found_by_rules(tmp_path, names, found)
     (tmp_path / "a.dir.tsv").mkdir()
     expected = found and tmp_path / found
     assert transcripts.find(tmp_path / "a.b.bvh") == expected
+
+
+TABLES = {
+    "commas in a text": (
+        "start,end,text\n0,2,hello, my friend\n2,3,bye\n",
+        [("hello", 0), ("friend", None), ("bye", 2)],
+    ),
+    "a line break in a text": ('start,end,text\n0,2,"hello there\nmy friend"\n', [("hello", 0), ("there", None)]),
+    "numbered rows": ("1\t3.2\t3.9\thello\n2\t4\t4.4\tmy\n3\t5\t5.5\tfriend\n", [("hello", 3.2), ("friend", 5)]),
+    "ELAN without participants": (
+        "A\t1.1\t2\t0.9\thello\nB\t1.2\t2.2\t1\tother\nA\t3.1\t4\t0.9\tagain\n",
+        [("hello", 1.1), ("again", 3.1)],
+    ),
+    "names of rows": ("u1\t1.1\t2\t0.9\thello\nu2\t2.2\t3\t0.8\tagain\n", [("hello", 1.1), ("again", 2.2)]),
+}
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_tables_as_people_write_them(tmp_path, name):
+    text, expected = TABLES[name]
+    (tmp_path / "a.csv").write_text(text)
+    found = {word.text: word.start for word in transcripts.read_words(tmp_path / "a.csv")}
+    for word, start in expected:
+        assert word in found and (start is None or found[word] == pytest.approx(start))
+    assert "other" not in found
 
 
 def test_exported_motion_is_no_transcript(tmp_path):
