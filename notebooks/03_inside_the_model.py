@@ -17,7 +17,7 @@
 # HA2G (Liu et al., CVPR 2022) encodes speech on three levels, blends them for each part of the body in a way that
 # depends on the speaker, and infers the pose from coarse to fine. This notebook shows each of these steps in the demo
 # model of the package: the features of the audio, what the words do in training, the style coordinator, and the
-# stages of the pose inferer. `docs/model.md` lists the decisions D1 to D20 that the text names.
+# stages of the pose inferer. `docs/model.md` lists the decisions D1 to D21 that the text names.
 #
 # The speech is made by the grammar and the synthesiser of the Talk corpus, with a voice that the model does not know,
 # because its words and their times are then known exactly.
@@ -136,7 +136,7 @@ plt.show()
 speaker = Style(speaker="speaker-03", variation=0)
 motion = model.generate(samples, style=speaker)
 window, frame = 2, 12
-first = window * (model.spec.num_frames - model.spec.num_seed_frames)
+first = window * model.spec.window_stride
 seed_pose = motion.directions[first : first + model.spec.num_seed_frames]
 stages = inspection.stage_poses(model, samples, model.assets.speakers["speaker-03"], seed_pose, window=window)
 
@@ -170,6 +170,6 @@ axis.set_xlabel("bones, by the level that adds them")
 plt.show()
 
 # %% [markdown]
-# Above the diagonal a stage does not have the bones yet, and the mean pose is up to about 42° off. On the diagonal a
-# stage has just added them, and below it later stages correct them by 14° or less. The rows "Holistic", "w/o hand
+# Above the diagonal a stage does not have the bones yet, and the mean pose is up to about 44° off. On the diagonal a
+# stage has just added them, and later stages correct them by 18° or less. The rows "Holistic", "w/o hand
 # hierarchy" and "w/o body hierarchy" of Table 4 leave levels out (`config.model.inferer.levels`).

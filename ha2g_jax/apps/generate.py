@@ -18,12 +18,14 @@ from ha2g_jax.features.audio import has_sound
 from ha2g_jax.features.text import Word
 from ha2g_jax.files.reading import check_regular, reading, resolved, shown, why_not_there
 from ha2g_jax.files.writing import check_kept, do_each, whole_file
+from ha2g_jax.limits import MAX_MOTION_FRAMES
 from ha2g_jax.motion import formats, rigs
 from ha2g_jax.motion.control import NEUTRAL
 from ha2g_jax.motion.cues import Cue
 from ha2g_jax.motion.cues.cue import CLIP
 from ha2g_jax.motion.cues.reading import read_clip
 from ha2g_jax.motion.motion import Motion
+from ha2g_jax.motion.resample import num_frames
 from ha2g_jax.progress import stage
 from ha2g_jax.synthesis.generator import Audio, Generator, Options, read_speech
 from ha2g_jax.synthesis.style import check_seed
@@ -346,6 +348,12 @@ def _generate(
 ) -> None:
     with stage("reading the speech"):
         audio = read_speech(task.speech)
+    frames = len(seeds) * num_frames(audio.duration, options.get("fps") or model.fps)
+    if len(seeds) > 1 and frames > MAX_MOTION_FRAMES:
+        raise UserError(
+            f"{len(seeds)} takes of {shown(task.speech)} have {frames} frames, and a page of all takes at most "
+            f"{MAX_MOTION_FRAMES}; give fewer --takes, or less --fps"
+        )
     spoken = read_words(model, task.speech, audio.samples, words, options.get("cues", ()))
     with contextlib.ExitStack() as stack:
         # The files are opened before the work, so that a path that cannot be written is noticed early.

@@ -157,7 +157,7 @@ def read_style(arguments: argparse.Namespace) -> "Style":
         refuse_others(arguments, (), ("variation",), "a random style, but to that of a speaker or of images")
     style = synthesis.Style(
         speaker=arguments.speaker,
-        mixture=synthesis.read_mixture(arguments.style) if arguments.style else None,
+        mixture=None if arguments.style is None else synthesis.read_mixture(arguments.style),
         images=arguments.reference_image,
         seed=arguments.style_seed,
     )

@@ -22,7 +22,7 @@ from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.resample import num_frames, resample, sample, slerp
 from ha2g_jax.motion.smoothing import check_width, smooth
 from ha2g_jax.motion.windows import ease_start, join_windows
-from ha2g_jax.skeleton import Skeleton
+from ha2g_jax.skeleton import Skeleton, mirror_directions
 from ha2g_jax.synthesis.style import RANDOM, Style
 
 if TYPE_CHECKING:
@@ -241,15 +241,20 @@ class Generator(abc.ABC, Generic[S]):
         placed = gestures.place(cues, words, audio.duration)
         made = [(gestures.keyframes_of(cue, skeleton, fps), cue.time) for cue in placed]
         check_width(smoothing)
-        start = start_name = None
+        given = start = start_name = None
         if seed_pose is not None:
-            start, start_name = read_seed_pose(seed_pose, skeleton, self.fps, overlap)
+            given, start_name = read_seed_pose(seed_pose, skeleton, self.fps, overlap)
+            start = mirror_directions(skeleton, given) if controls.mirror else given
         directions = join(self, audio.samples, f_id, seed, words, start)
         if start is not None:
             directions = ease_start(start_from(directions, start), self.spec.num_frames, overlap)
         frames = num_frames(audio.duration, fps)
-        directions = directions[:frames] if fps == self.fps else resample(directions, self.fps, fps, frames)
-        directions = control.apply(skeleton, smooth(directions, fps, smoothing), fps, controls)
+        plain = directions[:frames] if fps == self.fps else resample(directions, self.fps, fps, frames)
+        directions = control.change(skeleton, smooth(plain, fps, smoothing), fps, controls)
+        if given is not None and directions is not plain:  # what was given has been changed already
+            places = np.arange(round(overlap * fps / self.fps)) * (self.fps / fps)
+            directions = start_from(directions, sample(given, places))
+        directions = control.hold(skeleton, directions, fps, controls)
         before = None if start is None else directions[0]
         directions = gestures.apply(skeleton, directions, fps, made, before)
         asked = {"seed_pose": start_name, "smoothing": smoothing, "controls": control.describe(controls)}

@@ -4,7 +4,6 @@ import concurrent.futures
 import contextlib
 import dataclasses
 import hashlib
-import importlib.metadata
 import importlib.resources
 import json
 import os
@@ -163,10 +162,12 @@ def exported(checkpoint: str | pathlib.Path) -> pathlib.Path:
     name = found.get("hash") if isinstance(found, dict) else None
     if not (isinstance(name, str) and name.isalnum() and name.isascii() and len(name) <= 64):
         raise UserError(f"{shown(assets)} has no hash of the weights; export or download the model again")
-    version = importlib.metadata.version("ha2g-jax")
-    # The file also has the assets and the config, which may change while the weights stay.
-    digest = hashlib.sha256(assets.read_bytes() + config.read_bytes()).hexdigest()[:16]
-    path = cache_folder() / "onnx" / f"{name}-{digest}-{version}{SUFFIX}"
+    # The file also has the assets and the config, and the graph is as the exporter writes it: all may change while the
+    # weights stay.
+    sources = importlib.resources.files("ha2g_jax") / "checkpoint" / "onnx"
+    exporter = [sources / f"{part}.py" for part in ("export", "networks", "reading")]
+    digest = hashlib.sha256(b"".join(path.read_bytes() for path in (assets, config, *exporter))).hexdigest()[:16]
+    path = cache_folder() / "onnx" / f"{name}-{digest}{SUFFIX}"
     if not path.is_file():
         with one_maker(path):
             if not path.is_file():

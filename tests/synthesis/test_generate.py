@@ -326,3 +326,22 @@ def test_numbers_of_numpy_are_numbers(debug_model, tmp_path):
     assert debug_model.stream(look_ahead=np.int64(4), hop=np.int64(2)).latency == pytest.approx(6 / 15, abs=0.2)
     with pytest.raises(UserError, match=r"the seed is 1\.5"):
         debug_model.generate(speech(1), seed=1.5)
+
+
+CONTROLS = {
+    "mirror": {"controls": Controls(mirror=True)},
+    "energy": {"controls": Controls(energy=2.0)},
+    "extent": {"controls": Controls(extent=0.5)},
+    "one hand": {"controls": Controls(handedness="left")},
+    "smoothed": {"smoothing": 0.3, "fps": 30},
+}
+
+
+@pytest.mark.parametrize("name", CONTROLS)
+def test_a_motion_goes_on_where_the_one_before_ends_whatever_the_controls(debug_model, name):
+    """They are in the poses that are given already."""
+    options = CONTROLS[name]
+    first = debug_model.generate(speech(4), seed=1, **options)
+    after = debug_model.generate(speech(3), seed=2, seed_pose=first, **options)
+    given = first.directions[-1 - round((debug_model.spec.num_seed_frames - 1) * first.fps / debug_model.fps)]
+    np.testing.assert_allclose(after.directions[0], given, atol=1e-3)

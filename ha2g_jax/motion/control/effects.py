@@ -37,11 +37,20 @@ def apply(skeleton: Skeleton, directions: np.ndarray, fps: float, controls: Cont
     Raises:
         UserError: an amount, a side, a pose or a span is not valid.
     """
+    return hold(skeleton, change(skeleton, directions, fps, controls), fps, controls)
+
+
+def change(skeleton: Skeleton, directions: np.ndarray, fps: float, controls: Controls) -> np.ndarray:
+    """Apply the first part of `apply`: mirror, energy, extent and handedness."""
     check(controls, skeleton, (len(directions) + 0.5) / fps)  # the longest duration that rounds to so many frames
     directions = mirror_directions(skeleton, directions) if controls.mirror else directions
     directions = energy(skeleton, directions, fps, controls.energy)
     directions = extent(skeleton, directions, controls.extent)
-    directions = handedness(skeleton, directions, controls.handedness)
+    return handedness(skeleton, directions, controls.handedness)
+
+
+def hold(skeleton: Skeleton, directions: np.ndarray, fps: float, controls: Controls) -> np.ndarray:
+    """Apply the second part of `apply`: pins and mutes."""
     directions = pin(skeleton, directions, fps, controls.pins)
     return mute(skeleton, directions, fps, controls.mutes)
 

@@ -113,8 +113,8 @@ def rest_pose(skeleton: Skeleton) -> np.ndarray:
 def rotations_from(reference: np.ndarray, directions: np.ndarray, chosen: tuple[Part, ...]) -> Rotations:
     """Compute the rotations of parts from a reference pose (bones, 3) to the poses of a motion (T, bones, 3).
 
-    They are unit quaternions (T, 4) by the indices of the bones, those of a head or a hand together. The latter are
-    continuous over time and so may have w < 0, which stands for an angle above pi.
+    They are unit quaternions (T, 4) by the indices of the bones, those of a head or a hand together. These and those of
+    upper arms are continuous over time and so may have w < 0, which stands for an angle above pi.
     """
     reference, poses = np.asarray(reference, np.float64), np.asarray(directions, np.float64)
     frames: dict[int, np.ndarray] = {-1: IDENTITY}
@@ -126,7 +126,8 @@ def rotations_from(reference: np.ndarray, directions: np.ndarray, chosen: tuple[
             rotations[part.bones] = _continuous(common)
             frame = multiply(frame, rotations[part.bones])
         for bone in bones:
-            rotations[bone,] = between(reference[bone], rotate(conjugate(frame), poses[:, bone]))
+            rotation = between(reference[bone], rotate(conjugate(frame), poses[:, bone]))
+            rotations[bone,] = _continuous(rotation) if part.kind == UPPER_ARM else rotation
             frames[bone] = multiply(frame, rotations[bone,])
     return rotations
 

@@ -67,7 +67,7 @@ def test_a_pin_is_read_with_the_pose_of_a_moment(wave):
     assert pinned[:2] == (2, 3.5)
     assert pinned.pose is not None
     np.testing.assert_allclose(pinned.pose, motion.directions[33], atol=1e-6)
-    assert pinned[3:] == ("wave@home.npz@2.2", "ted_gesture")
+    assert pinned[3:5] == ("wave@home.npz@2.2", "ted_gesture")
     first = control.read_pin(f"2:2:{wave}").pose
     assert first is not None
     np.testing.assert_array_equal(first, motion.directions[0])

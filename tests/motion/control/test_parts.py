@@ -45,3 +45,15 @@ def test_a_hand_turned_over_stays_whole_half_way():
 def test_a_hand_that_turns_past_half_a_turn_does_not_jump():
     found, _ = hand_turned(np.linspace(2.6, 3.8, 60), 0.5)
     assert np.linalg.norm(np.diff(found, axis=0), axis=-1).max() < 0.05
+
+
+def test_an_arm_that_is_raised_past_the_opposite_of_its_rest_does_not_jump():
+    skeleton = load_skeleton("ted_expressive")
+    pose, arm = rest_pose(skeleton).astype(np.float64), arm_parts(skeleton, "left")
+    bone = skeleton.bone("left_elbow")
+    axis = np.cross(pose[bone], [0.0, 0, 1])
+    raised = np.repeat(pose[None], 60, axis=0)
+    bones = [bone for part in arm for bone in part.bones]
+    raised[:, bones] = rotate(about(axis / np.linalg.norm(axis), np.linspace(2.6, 3.7, 60))[:, None], pose[bones])
+    scaled = scale_about(pose, raised.astype(np.float32), 0.5, arm)
+    assert np.linalg.norm(np.diff(scaled[:, bones], axis=0), axis=-1).max() < 0.05

@@ -44,7 +44,7 @@ export function rotationsFrom(reference: Numbers, directions: ArrayLike<number>,
     }
     part.bones.forEach((bone, k) => {
       const rotation = between(reference.subarray(3 * bone, 3 * bone + 3), rotate(conjugate(frame), poses[k]));
-      rotations.set(keyOf([bone]), rotation);
+      rotations.set(keyOf([bone]), part.kind === "upper arm" ? continuous(rotation) : rotation);
       frames.set(bone, multiply(frame, rotation));
     });
   }
