@@ -274,5 +274,5 @@ def test_where_one_recording_alone_has_windows_they_are_told_apart_by_blocks_of_
     alone = evaluate({"late": rows[1][2:3]}, rows[0][2:3], skeleton, draws=2)
     found = evaluate({"late": rows[1]}, rows[0], skeleton, draws=2)
     told = {name: score for name, score in found["rows"]["late"].items() if name.startswith("told_by")}
-    assert any("one recording alone has motion of 5 s" in warning for warning in found["warnings"])
+    assert any("only one recording has 5 s of motion" in warning for warning in found["warnings"])
     assert told and told == {name: alone["rows"]["late"][name] for name in told}

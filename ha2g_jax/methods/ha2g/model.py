@@ -178,15 +178,17 @@ class HA2G(nn.Module):
             Per level (B, N, d^h), mean-subtracted, the frames of the seed pose predicted as well.
         """
         batch, num_frames = features[0].shape[:2]
-        num_free = num_frames - self.num_seed_frames
         is_seed = jnp.broadcast_to(jnp.arange(num_frames)[:, None] < self.num_seed_frames, (batch, num_frames, 1))
-        pose = jnp.pad(seed_pose, ((0, 0), (0, num_free), (0, 0)))  # the seed pose, and behind it what is known so far
-        levels: list[jax.Array] = []
+        poses: list[jax.Array] = []
+        known: tuple[int, ...] = ()  # channels of p^(h-1)
         for stage, channels, audio in zip(
             self.stages, self.level_channels, self.blend(features, f_id, noise), strict=True
         ):
-            columns = jnp.array(channels)
-            levels.append(stage(pose[..., columns], audio, is_seed.astype(pose.dtype), train=train))
-            free = levels[-1][:, self.num_seed_frames :]
-            pose = pose.at[:, self.num_seed_frames :, columns].set(free, unique_indices=True)
-        return tuple(levels)
+            free = jnp.zeros((batch, num_frames - self.num_seed_frames, len(channels)), seed_pose.dtype)
+            if known:
+                places = jnp.array([channels.index(channel) for channel in known])
+                free = free.at[..., places].set(poses[-1][:, self.num_seed_frames :], unique_indices=True)
+            previous = jnp.concatenate([seed_pose[..., jnp.array(channels)], free], axis=1)
+            poses.append(stage(previous, audio, is_seed.astype(seed_pose.dtype), train=train))
+            known = channels
+        return tuple(poses)
