@@ -252,7 +252,7 @@ class Generator(abc.ABC, Generic[S]):
         plain = directions[:frames] if fps == self.fps else resample(directions, self.fps, fps, frames)
         directions = control.change(skeleton, smooth(plain, fps, smoothing), fps, controls)
         if given is not None and directions is not plain:  # what was given has been changed already
-            places = np.arange(round(overlap * fps / self.fps)) * (self.fps / fps)
+            places = np.arange(max(1, round(overlap * fps / self.fps))) * (self.fps / fps)
             directions = start_from(directions, sample(given, places))
         directions = control.hold(skeleton, directions, fps, controls)
         before = None if start is None else directions[0]

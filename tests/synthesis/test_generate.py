@@ -30,6 +30,7 @@ from ha2g_jax.motion.control import Controls
 from ha2g_jax.motion.cues import Cue
 from ha2g_jax.motion.resample import resample
 from ha2g_jax.synthesis import Style, scan
+from ha2g_jax.synthesis.generator import read_seed_pose
 
 
 def speech(seconds: float, seed: int = 0, pace: float = 2) -> np.ndarray:
@@ -334,6 +335,7 @@ CONTROLS = {
     "extent": {"controls": Controls(extent=0.5)},
     "one hand": {"controls": Controls(handedness="left")},
     "smoothed": {"smoothing": 0.3, "fps": 30},
+    "mirror at one frame a second": {"controls": Controls(mirror=True, energy=0.5), "fps": 1},
 }
 
 
@@ -343,5 +345,6 @@ def test_a_motion_goes_on_where_the_one_before_ends_whatever_the_controls(debug_
     options = CONTROLS[name]
     first = debug_model.generate(speech(4), seed=1, **options)
     after = debug_model.generate(speech(3), seed=2, seed_pose=first, **options)
-    given = first.directions[-1 - round((debug_model.spec.num_seed_frames - 1) * first.fps / debug_model.fps)]
+    spec = debug_model.spec
+    (given, *_), _ = read_seed_pose(first, spec.skeleton, spec.fps, spec.num_seed_frames)
     np.testing.assert_allclose(after.directions[0], given, atol=1e-3)

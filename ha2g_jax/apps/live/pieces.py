@@ -30,11 +30,9 @@ _OTHERS = {
     "WebM": rb"\x1a\x45\xdf\xa3",
     "MP4": rb".{4}ftyp",
 }
-_MP3_KBPS = {  # of a frame of MP3, by the bits of its version: MPEG 1, 2 and 2.5
-    3: (32, 40, 48, 56, 64, 80, 96, 112, 128, 160, 192, 224, 256, 320),
-    2: (8, 16, 24, 32, 40, 48, 56, 64, 80, 96, 112, 128, 144, 160),
-    0: (8, 16, 24, 32, 40, 48, 56, 64, 80, 96, 112, 128, 144, 160),
-}
+# Of a frame of MP3: rates of MPEG 1 and of later versions, and samples a second by the bits of the version.
+_MP3_KBPS = (32, 40, 48, 56, 64, 80, 96, 112, 128, 160, 192, 224, 256, 320)
+_MP3_LATER_KBPS = (8, 16, 24, 32, 40, 48, 56, 64, 80, 96, 112, 128, 144, 160)
 _MP3_RATES = {3: (44100, 48000, 32000), 2: (22050, 24000, 16000), 0: (11025, 12000, 8000)}
 
 
@@ -183,8 +181,9 @@ def _is_mp3(head: bytes) -> bool:
     if len(head) < 4 or head[0] != 0xFF or head[1] >> 5 != 0b111 or head[1] >> 1 & 3 != 1:
         return False
     version, kbps, rate = head[1] >> 3 & 3, (head[2] >> 4) - 1, head[2] >> 2 & 3
-    if version not in _MP3_KBPS or not 0 <= kbps < 14 or rate == 3:
+    if version not in _MP3_RATES or not 0 <= kbps < len(_MP3_KBPS) or rate == 3:
         return False
-    size = (144_000 if version == 3 else 72_000) * _MP3_KBPS[version][kbps] // _MP3_RATES[version][rate]
+    bits = 144_000 * _MP3_KBPS[kbps] if version == 3 else 72_000 * _MP3_LATER_KBPS[kbps]
+    size = bits // _MP3_RATES[version][rate]
     size += head[2] >> 1 & 1
     return head[size : size + 2] == head[:2]
