@@ -101,6 +101,7 @@ def _draw(lines: Sequence[Line], width: float) -> Any:
     figure = Figure(figsize=(2 * _WIDTH, _HEIGHT * max(num_rows, 1)), layout="constrained")
     if not names:
         figure.suptitle("No run has written metrics yet.")
+    handles = {}
     for place, name in enumerate(names, 1):
         axes = figure.add_subplot(num_rows, 2, place)
         for number, line in enumerate(lines):
@@ -110,7 +111,9 @@ def _draw(lines: Sequence[Line], width: float) -> Any:
             if series:
                 style: Any = {"color": f"C{number % 10}", "gid": f"line-{number}"}
                 steps, means = align_seeds(series)
-                axes.plot(steps, np.nanmean(means, axis=0), ".-" if len(steps) == 1 else "-", label=line.label, **style)
+                (handles[line.label],) = axes.plot(
+                    steps, np.nanmean(means, axis=0), ".-" if len(steps) == 1 else "-", **style
+                )
                 if len(series) > 1:
                     least, greatest = np.nanmin(means, axis=0), np.nanmax(means, axis=0)
                     axes.fill_between(steps, least, greatest, alpha=0.2, linewidth=0, **style)
@@ -120,7 +123,6 @@ def _draw(lines: Sequence[Line], width: float) -> Any:
         axes.set_title(name, loc="left")
         axes.set_xlabel("step")
         axes.grid(alpha=0.3)
-    handles = {label: handle for axes in figure.axes for handle, label in zip(*axes.get_legend_handles_labels())}
     figure.legend(handles.values(), handles.keys(), loc="outside upper left", ncols=3)
     return figure
 

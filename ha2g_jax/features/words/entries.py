@@ -249,7 +249,7 @@ def _separator(line: str) -> str:
 
 def _rows(text: str, path: pathlib.Path) -> Iterator[tuple[int, list[str]]]:
     """Yield the line number and the fields of each row, without the frequencies of Audacity's labels."""
-    lines, separator = _table_lines(text)
+    lines, separator = _table_lines(text.replace("\t", " ") if path.suffix.lower() == ".ctm" else text)
     if max(map(len, lines)) > _MAX_ROW:
         raise UserError(f"{shown(path)} has a line of more than {_MAX_ROW} characters; expected start, end and word")
     # Tools that write tabs do not quote, and a transcript may have a single quotation mark.
