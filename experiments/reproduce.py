@@ -154,15 +154,15 @@ def reproduce(
 
 
 def _write_factorial(results: Results, out: pathlib.Path) -> bool:
-    """Write the page of the factorial study with its numbers, say what is there, and return whether all is."""
+    """Write the page of the factorial study with its numbers, say what is there, and return whether no run failed."""
     request, plan, records, failures, _ = results
     numbers = out.with_suffix(".csv")
     if results.scores:
-        more = factorial.all_numbers(records, results.scores)
+        more = factorial.all_numbers(request.size, records, results.scores)
         write_text(numbers, every_number(plan.table, results.scores, plan.splits, {}, more))
     write_text(out, factorial.as_markdown(request.size, records, results.scores, failures, numbers.name))
     print(factorial.describe(records))
-    return not failures
+    return all(reason == factorial.NOT_TRAINED for mine in failures.values() for reason in mine.values())
 
 
 def _fill(request: Request, plan: TablePlan, perform: Callable[[Run, int, Stop], None], stop: Stop) -> dict[str, str]:
@@ -174,22 +174,23 @@ def _fill(request: Request, plan: TablePlan, perform: Callable[[Run, int, Stop],
             raise UserError(f"the pose auto-encoder was not trained: {failed[plan.autoencoder.name]}")
     elif autoencoder.scored_step is None:
         raise UserError(f"no pose auto-encoder in {plan.autoencoder.workdir}; leave out --no-train to train one")
+    # The gate of the factorial study is passed before any comparison; the page has all seeds, whichever are asked for.
+    gate = [plan.rows[row][0] for row in factorial.GATE_ROWS] if request.table == factorial.TABLE else []
     missing = {run.name: run for run in plan.runs if read_record(run, plan, request).scores is None}
-    there, failures = len(plan.runs) - len(missing), {}
+    left_out = [name for name, run in missing.items() if run.seed not in request.seeds and run not in gate]
     if not request.has_training:
-        untrained = [name for name, run in missing.items() if read_record(run, plan, request).scored_step is None]
-        failures = dict.fromkeys(untrained, factorial.NOT_TRAINED)
+        left_out += [name for name, run in missing.items() if read_record(run, plan, request).scored_step is None]
+    failures = dict.fromkeys(left_out, factorial.NOT_TRAINED)
+    runs = [run for name, run in missing.items() if name not in failures]
     for row, reason in plan.left_out.items():
         tqdm.tqdm.write(f"{row} is left out: {reason}", file=sys.stderr)
-    runs = [run for name, run in missing.items() if name not in failures]
+    there = len(plan.runs) - len(missing)
     tqdm.tqdm.write(f"runs to train or score: {len(runs)}; there already: {there}", file=sys.stderr)
-    if request.table == factorial.TABLE:  # the gate is passed before any comparison
-        first = {row: plan.rows[row][0] for row in factorial.GATE_ROWS}
-        failures |= run_all([run for run in runs if run in first.values()], perform, stop, "gate", request.jobs)
-        runs = [run for run in runs if run not in first.values()]
-        scores: RowScores = {
-            row: {run.seed: found} for row, run in first.items() if (found := read_record(run, plan, request).scores)
-        }
+    if gate:
+        failures |= run_all([run for run in runs if run in gate], perform, stop, "gate", request.jobs)
+        runs = [run for run in runs if run not in gate]
+        found = [read_record(run, plan, request).scores for run in gate]
+        scores: RowScores = {row: {0: each} for row, each in zip(factorial.GATE_ROWS, found, strict=True) if each}
         if not factorial.gate(scores, request.size)[1]:
             return failures | dict.fromkeys((run.name for run in runs), factorial.NOT_TRAINED)
     return failures | run_all(runs, perform, stop, request.table, request.jobs)
@@ -251,14 +252,20 @@ def _table_10(found: dict[str, Any]) -> tuple[str, list[Sequence[str]], str]:
 def _request(arguments: argparse.Namespace) -> Request:
     is_factorial = arguments.table == factorial.TABLE
     data, path = parse_data(arguments.data or "talk" * is_factorial)
+    seeds = parse_seeds(arguments.seeds or (str(factorial.SEEDS) if is_factorial else DEFAULT_SEEDS))
     if is_factorial and data != "talk":
         raise UserError(f"the causes of gestures are known on talk only, not on {data!r}; give --data talk[:DIR]")
+    if is_factorial and (arguments.changes or arguments.legacy):
+        option = "--changes" if arguments.changes else "--legacy"
+        raise UserError(f"the protocol of the factorial study fixes its settings and scores; leave out {option}")
+    if is_factorial and not set(seeds) <= {*range(factorial.SEEDS)}:
+        raise UserError(f"the factorial study has the seeds 0 to {factorial.SEEDS - 1}, not {arguments.seeds}")
     return Request(
         table=arguments.table,
         data=data,
         size=arguments.size,
         path=path,
-        seeds=parse_seeds(arguments.seeds or (str(factorial.SEEDS) if is_factorial else DEFAULT_SEEDS)),
+        seeds=seeds,
         workdir=arguments.workdir / f"{factorial.TABLE}-{arguments.size}" if is_factorial else arguments.workdir,
         changes=parse_changes(arguments.changes),
         jobs=arguments.jobs,

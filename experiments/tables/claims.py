@@ -140,7 +140,7 @@ def judge(claims: Sequence[Claim]) -> list[Verdict]:
     With a corrected p-value above 0.05, or without an error, a claim is undecided. A claim that two rows are comparable
     is not held with one below; that no difference was found does not show that there is none.
     """
-    differences = [_with_freedom_of_seeds(claim.difference) for claim in claims]
+    differences = [claim.difference and with_freedom_of_seeds(claim.difference) for claim in claims]
     tested = [difference for difference in differences if difference and difference.error is not None]
     corrected = iter(holm([t_test(difference) for difference in tested]))
     verdicts = []
@@ -163,8 +163,9 @@ def _decide(claim: Claim, value: float, p_value: float | None) -> str:
     return HELD if is_ahead and not claim.is_comparable else NOT_HELD
 
 
-def _with_freedom_of_seeds(difference: Mean | None) -> Mean | None:
-    return difference and difference._replace(freedom=min(difference.freedom, difference.num - 1))
+def with_freedom_of_seeds(mean: Mean) -> Mean:
+    """Return a mean over n seeds with at most n - 1 degrees of freedom, see `judge`."""
+    return mean._replace(freedom=min(mean.freedom, mean.num - 1))
 
 
 def t_test(difference: Mean) -> float:

@@ -16,13 +16,14 @@ from tables.claims import (
     LEVEL,
     NOT_HELD,
     UNDECIDED,
-    Mean,
     Measured,
     Spread,
     combine,
     interval,
+    jackknife_variance,
     over_seeds,
     t_test,
+    with_freedom_of_seeds,
 )
 from tables.paper_tables import Published, Row, Table
 from tables.tables import RowScores, Scores, by_seed, plus_minus, spread_text
@@ -40,11 +41,11 @@ GATE_ROWS = (ORACLE, presets.FULL)
 _GATE, _GATE_MEASURE = 0.5, "talk.finger_correlation"
 _POWER, _LEAST_BLOCKS, _MOST_BLOCKS = 0.8, 2, 64
 _RULES = f"""\
-An effect is the mean over blocks of the mean of the four cells with a part less that of the four without it; errors \
-hold for other trainings and other speakers. *Held*: all measures of a claim are better, and the largest of their \
+An effect is the mean over blocks of the mean of the four cells with a part less that of the four without it; standard \
+errors cover the choice of seeds and of speakers. *Held*: all measures of a claim are better, and the largest of their \
 p-values, with Holm's correction for three claims, is at most {1 - LEVEL:.2g}. *Not held*: else, if an advantage that \
 would matter is outside of the interval of one of them; intervals have Bonferroni's level for three claims. \
-*Undecided*: else."""
+*Undecided*: else. A verdict at fewer than {SEEDS} blocks is not that of the study."""
 
 
 class Measure(NamedTuple):
@@ -71,15 +72,20 @@ class Question(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """Effects by measure with Bonferroni's intervals, None without blocks; corrected p-value; verdict; and how many
-    blocks would be needed to decide, 0 where it is decided, None where that is not known.
+    """Answer to a question.
+
+    Attributes:
+        effects: effect on each measure with Bonferroni's interval, None without blocks.
+        p_value: with Holm's correction, None without errors.
+        verdict: `HELD`, `NOT_HELD` or `UNDECIDED`.
+        more: number of further blocks that would decide, None where that is out of reach.
     """
 
     question: Question
     effects: tuple[Spread | None, ...]
     p_value: float | None
     verdict: str
-    blocks: int | None
+    more: int | None
 
 
 QUESTIONS = (
@@ -104,7 +110,8 @@ QUESTIONS = (
 )
 MEASURES = tuple(measure for question in QUESTIONS for measure in question.measures)
 NOT_TRAINED = "not trained"
-_CLAIM_HEAD = ("claim", "effect [interval]", "p", "verdict", "more blocks to decide")
+_FAILED = "not passed"
+_CLAIM_HEAD = ("claim", "effect [interval]", "matters from", "p", "verdict", "blocks", "more blocks to decide")
 
 
 def table(size: str) -> Table:
@@ -115,20 +122,19 @@ def table(size: str) -> Table:
     )
 
 
-def effect(scores: RowScores, control: str, measure: Measure) -> list[Measured]:
-    """Return the effect of a part in each block that has all eight cells, in the order of the seeds."""
+def effect(scores: RowScores, control: str, measure: Measure) -> dict[int, Measured]:
+    """Return the effect of a part by seed, for each block that has all eight cells."""
     found = {row: _values(mine, measure) for row, mine in scores.items() if row != ORACLE}
     if len(found) < 2 ** len(QUESTIONS):
-        return []
+        return {}
     signs, half = {row: -1 if control in row.split(", ") else 1 for row in found}, len(found) / 2
-    blocks = sorted(set.intersection(*(set(mine) for mine in found.values())))
-    return [
-        Measured(
+    return {
+        seed: Measured(
             sum(sign * found[row][seed].value for row, sign in signs.items()) / half,
             np.sum([sign * found[row][seed].without for row, sign in signs.items()], axis=0) / half,
         )
-        for seed in blocks
-    ]
+        for seed in sorted(set.intersection(*(set(mine) for mine in found.values())))
+    }
 
 
 def _values(scores: Mapping[int, Scores], measure: Measure) -> dict[int, Measured]:
@@ -146,41 +152,16 @@ def _values(scores: Mapping[int, Scores], measure: Measure) -> dict[int, Measure
 
 def judge(effects: Sequence[Sequence[Sequence[Measured]]], questions: Sequence[Question] = QUESTIONS) -> list[Answer]:
     """Answer the questions from their effects by question, measure and block; see `_RULES`."""
-    means = [[_mean(blocks) for blocks in mine] for mine in effects]
-    p_values = [
-        None if any(mean is None or mean.error is None for mean in mine) else max(t_test(mean) for mean in mine if mean)
-        for mine in means
-    ]
-    corrected = iter(holm([value for value in p_values if value is not None]))
-    answers = []
-    for question, mine, value in zip(questions, means, p_values, strict=True):
-        spreads = tuple(mean and interval(mean, _tail(questions)) for mean in mine)
-        if value is None:
-            answers.append(Answer(question, spreads, None, UNDECIDED, None))
-            continue
-        value = next(corrected)
-        verdict = _decide(question, spreads, value)
-        blocks = (
-            0
-            if verdict != UNDECIDED
-            else max(
-                (_needed(mean, measure, _tail(questions)) for mean, measure in zip(mine, question.measures) if mean),
-                key=lambda count: math.inf if count is None else count,
-            )
-        )
-        answers.append(Answer(question, spreads, value, verdict, blocks))
+    means = [[with_freedom_of_seeds(combine(blocks)) if blocks else None for blocks in mine] for mine in effects]
+    p_values = [max(t_test(mean) if mean and mean.error is not None else 1.0 for mean in mine) for mine in means]
+    tail, answers = (1 - LEVEL) / len(questions), []
+    for question, blocks, mine, value in zip(questions, effects, means, holm(p_values), strict=True):
+        spreads = tuple(mean and interval(mean, tail) for mean in mine)
+        has_errors = all(mean and mean.error is not None for mean in mine)
+        verdict = _decide(question, spreads, value) if has_errors else UNDECIDED
+        more = 0 if verdict != UNDECIDED else _more_blocks(question, blocks, tail)
+        answers.append(Answer(question, spreads, value if has_errors else None, verdict, more))
     return answers
-
-
-def _tail(questions: Sequence[Question]) -> float:
-    return (1 - LEVEL) / len(questions)
-
-
-def _mean(blocks: Sequence[Measured]) -> Mean | None:
-    if not blocks:
-        return None
-    mean = combine(blocks)
-    return mean._replace(freedom=min(mean.freedom, mean.num - 1))
 
 
 def _advantage(measure: Measure, value: float | None) -> float:
@@ -198,19 +179,30 @@ def _decide(question: Question, spreads: Sequence[Spread | None], value: float) 
     return NOT_HELD if any(bound < matters for bound, matters in bounds) else UNDECIDED
 
 
-def _needed(mean: Mean, measure: Measure, tail: float) -> int | None:
-    """Return the least number of blocks that decides a measure with a probability of 80 %, if effect and error stay.
+def _more_blocks(question: Question, effects: Sequence[Sequence[Measured]], tail: float) -> int | None:
+    """Return the least number of further blocks that decide a question, with a probability of 80 % for each measure, if
+    effects and spreads stay; None where more than 64 blocks would be needed.
 
-    With n blocks the interval is narrow enough that it excludes 0 or the advantage that matters, whichever is farther
-    from the effect. None where more than 64 would be needed. All of the error is taken to fall with the blocks, that of
-    speakers as well, so that the number is a lower bound.
+    A claim is decided by intervals that exclude 0 in all of its measures, or the advantage that matters in one of them.
+    The variance over blocks falls with their number, that over speakers does not.
     """
-    advantage = _advantage(measure, mean.value)
-    distance = max(advantage, measure.matters - advantage)
-    for count in range(_LEAST_BLOCKS, _MOST_BLOCKS + 1):
-        error = (mean.error or 0.0) * math.sqrt(mean.num / count)
-        if distance >= (stats.t.ppf(1 - tail / 2, count - 1) + stats.t.ppf(_POWER, count - 1)) * error:
-            return count
+    there = min(map(len, effects))
+    if there < _LEAST_BLOCKS:  # one block has no spread
+        return _LEAST_BLOCKS - there
+    for count in range(there + 1, _MOST_BLOCKS + 1):
+        reach = float(stats.t.ppf(1 - tail / 2, count - 1) + stats.t.ppf(_POWER, count - 1))
+        excludes_zero, excludes_what_matters = [], []
+        for measure, blocks in zip(question.measures, effects, strict=True):
+            values = np.array([block.value for block in blocks])
+            speakers = jackknife_variance(np.mean([block.without for block in blocks], axis=0))
+            half, advantage = (
+                reach * math.sqrt(values.var(ddof=1) / count + speakers),
+                _advantage(measure, values.mean()),
+            )
+            excludes_zero.append(advantage >= half)
+            excludes_what_matters.append(measure.matters - advantage >= half)
+        if all(excludes_zero) or any(excludes_what_matters):
+            return count - there
     return None
 
 
@@ -256,12 +248,13 @@ def as_markdown(
         if size == "debug"
         else "passed"
         if has_passed
-        else "not passed"
+        else _FAILED
         if min(measured.values(), default=_GATE) < _GATE
         else "open"
     )
-    answers = judge(_effects(scores if has_passed else {}))
-    cells = [("cell", *(measure.title for measure in MEASURES), "seeds")]
+    effects = _effects(scores if has_passed else {})
+    answers = judge([[[*by_seed.values()] for by_seed in mine] for mine in effects])
+    cells = [("cell", *(measure.title.removeprefix("log ") for measure in MEASURES), "seeds")]
     failed = [
         f"- {row}, seed {seed}: {text}"
         for row, mine in failures.items()
@@ -272,8 +265,9 @@ def as_markdown(
         [
             f"# Factorial study of HA2G on Talk ({size})",
             "",
-            f"The [protocol](factorial.md) was written before the first run. All numbers, and hours, machine and "
-            f"commit of each run: [{numbers}]({numbers}).",
+            "The [protocol](factorial.md) was written before the first run; the training was changed after runs of "
+            "its gate, as [its page](factorial.md#the-change-of-the-training) says. All numbers, and hours, machine "
+            f"and commit of each run: [{numbers}]({numbers}).",
             "",
             f"Blocks: {len(blocks)} of {count}{_listed(blocks)}; runs that are missing: {missing}.",
             *(["The debug size shows that everything runs; its numbers say nothing."] if size == "debug" else []),
@@ -288,7 +282,7 @@ def as_markdown(
             "",
             _RULES,
             "",
-            markdown([_CLAIM_HEAD, *(_claim_line(answer, len(blocks)) for answer in answers)]),
+            markdown([_CLAIM_HEAD, *(_claim_line(*each, said == _FAILED) for each in zip(answers, effects))]),
             "",
             f"## Cells on {SPLITS[-1]}",
             "",
@@ -301,7 +295,7 @@ def as_markdown(
     )
 
 
-def _effects(scores: RowScores) -> list[list[list[Measured]]]:
+def _effects(scores: RowScores) -> list[list[dict[int, Measured]]]:
     return [[effect(scores, question.control, measure) for measure in question.measures] for question in QUESTIONS]
 
 
@@ -309,43 +303,34 @@ def _listed(blocks: Sequence[int]) -> str:
     return f" (seeds {', '.join(map(str, blocks))})" if blocks else ""
 
 
-def _claim_line(answer: Answer, blocks: int) -> tuple[str, ...]:
-    pairs = zip(answer.question.measures, answer.effects, strict=True)
-    if answer.p_value is None:  # one block has no spread
-        more = f"at least {_LEAST_BLOCKS - blocks}" if blocks < _LEAST_BLOCKS else "-"
-    elif answer.verdict == UNDECIDED:
-        more = "out of reach" if answer.blocks is None else str(max(answer.blocks - blocks, 1))
-    else:
-        more = "0"
+def _claim_line(answer: Answer, effects: Sequence[Mapping[int, Measured]], has_ended: bool) -> tuple[str, ...]:
+    pairs = [*zip(answer.question.measures, answer.effects, strict=True)]
+    at_least = "at least " if answer.p_value is None else ""
     return (
         answer.question.claim,
         "; ".join(f"{measure.title} {spread_text(spread)}" for measure, spread in pairs),
+        "; ".join(number(measure.matters) for measure, _ in pairs),
         "-" if answer.p_value is None else f"{answer.p_value:.3f}",
         f"**{answer.verdict}**",
-        more,
+        str(min(map(len, effects))),
+        "-" if has_ended else "out of reach" if answer.more is None else f"{at_least}{answer.more}",
     )
 
 
 def _cell_line(row: str, scores: Mapping[int, Scores]) -> tuple[str, ...]:
     cells = []
     for measure in MEASURES:
-        values = [one.value for one in _values(scores, measure).values()]
+        values = [one.value for one in _values(scores, measure._replace(is_logarithm=False)).values()]
         cells.append(plus_minus(over_seeds(values)) if values else "-")
     return (row, *cells, str(len(scores)))
 
 
-def all_numbers(records: Mapping[str, Mapping[int, Record]], scores: RowScores) -> Iterator[Sequence[Any]]:
+def all_numbers(size: str, records: Mapping[str, Mapping[int, Record]], scores: RowScores) -> Iterator[Sequence[Any]]:
     """Yield the lines of `tables.every_number` for the effects by block and for the runs, with hours and machines."""
-    for question, mine in zip(QUESTIONS, _effects(scores), strict=True):
+    for question, mine in zip(QUESTIONS, _effects(scores if gate(scores, size)[1] else {}), strict=True):
         for measure, blocks in zip(question.measures, mine, strict=True):
-            for index, block in enumerate(blocks):
-                yield (
-                    "effect",
-                    SPLITS[-1],
-                    f"without {question.control}",
-                    f"{measure.title}, block {index}",
-                    block.value,
-                )
+            for seed, block in blocks.items():
+                yield "effect", SPLITS[-1], f"less {question.control}", f"{measure.title}, seed {seed}", block.value
     for row, mine in records.items():
         for seed, one in mine.items():
             if one.scores is not None:

@@ -1,10 +1,11 @@
 """Keep all finished runs of a study in one table, `scores.jsonl`: what its reports need, small enough to publish.
 
-The first line has what all runs have alike, the corpus and the auto-encoder; each further line has what a run has of
-its own. The auto-encoder alone keeps its weights, as a model folder beside the table, because the scores of further
-runs need them.
+The first line has the corpus, the auto-encoder and the scores that all runs have alike, such as those of the teacher;
+each further line is a run. The auto-encoder alone keeps its weights, as a model folder beside the table, because the
+scores of further runs need them.
 """
 
+import collections
 import json
 import pathlib
 import threading
@@ -13,7 +14,7 @@ from typing import Any, NamedTuple
 
 from ha2g_jax.data.corpus import TALK_VERSION
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import shown
+from ha2g_jax.files.reading import reason, shown
 from ha2g_jax.files.writing import write_text
 from tables.workdirs import Record, Run, is_finished, record_of, without_path
 
@@ -75,13 +76,27 @@ def corpus_data(metadata: Mapping[str, Any], sha256: str) -> dict[str, Any]:
 
 
 def read_kept(folder: pathlib.Path) -> Kept:
-    """Read the table of kept runs in a folder; one without runs where there is none."""
-    if not (folder / FILE).is_file():
+    """Read the table of kept runs in a folder; one without runs where there is none.
+
+    Raises:
+        UserError: the table is damaged, or has a run twice.
+    """
+    path = folder / FILE
+    if not path.is_file():
         return Kept()
-    head, *lines = map(json.loads, (folder / FILE).read_text().splitlines())
-    records = [Record(**_merged(line, head["alike"])) for line in lines]
-    autoencoder = head["autoencoder"] and Record(**head["autoencoder"])
-    return Kept(head["data"], head["kind"], autoencoder, tuple(records))
+    try:
+        head, *lines = map(json.loads, path.read_text().splitlines())
+        records = [Record(**_merged(line, head["alike"])) for line in lines]
+        autoencoder = head["autoencoder"] and Record(**head["autoencoder"])
+        kept = Kept(head["data"], head["kind"], autoencoder, tuple(records))
+    except (ValueError, TypeError, KeyError) as error:
+        raise UserError(
+            f"{shown(path)} is damaged ({reason(error)[:80]}); restore the one of the repository"
+        ) from error
+    counts = collections.Counter(record.name for record in records)
+    if twice := [name for name, count in counts.items() if count > 1]:
+        raise UserError(f"{shown(path)} has {twice[0]} twice; remove one of its lines")
+    return kept
 
 
 def keep_run(
@@ -108,7 +123,10 @@ def keep_run(
         record = _for_all(record_of(run, scores), data["metadata"]["name"])
         before = kept.find(run)
         if before is not None and _trained(before) != _trained(record):
-            raise UserError(f"{shown(folder / FILE)} has another training of {run.name}; use another folder")
+            raise UserError(
+                f"{shown(folder / FILE)} has another training of {run.name}; remove {shown(run.workdir)} to go on with "
+                "that of the table"
+            )
         if scores is None:
             _keep_weights(run, folder)
             kept = kept._replace(autoencoder=record)
@@ -141,7 +159,7 @@ def _keep_weights(run: Run, folder: pathlib.Path) -> None:
 
 def _write(kept: Kept, path: pathlib.Path) -> None:
     records = [record._asdict() for record in sorted(kept.records, key=lambda record: record.name)]
-    alike = _alike(records) if records else {}
+    alike = _alike([{"scores": record["scores"]} for record in records]) if records else {}
     autoencoder = kept.autoencoder and kept.autoencoder._asdict()
     head = {"data": kept.data, "kind": kept.kind, "autoencoder": autoencoder, "alike": alike}
     lines = [head, *(_own(record, alike) for record in records)]

@@ -126,8 +126,8 @@ def plan_table(request: Request) -> TablePlan:
         UserError: there is no such table, setting or corpus, or the table does not fit the data.
     """
     is_factorial = request.table == factorial.TABLE
-    if is_factorial:
-        table = factorial.table(request.size)
+    if is_factorial:  # all blocks, of which the request trains those of its seeds
+        table, request = factorial.table(request.size), request._replace(seeds=tuple(range(factorial.SEEDS)))
     else:
         table = paper_tables.table(request.table, request.data, request.size)
     plan = plan_rows(request, {row.name: (row.method, row.changes) for row in table.rows})

@@ -33,7 +33,7 @@ def test_kept_runs_give_the_same_page_without_weights_and_are_continued(request_
 
 
 def test_the_table_gives_back_every_record(request_, tmp_path):
-    """What all runs have alike is stored once, whatever it is."""
+    """The scores that all runs have alike are stored once; a run twice, or a part of a line, is refused."""
     run_study(request_, FakeRuns(), keep=tmp_path)
     plan, kept = plan_table(request_), read_kept(tmp_path)
     assert {record.name for record in kept.records} == {run.name for run in plan.runs}
@@ -41,15 +41,22 @@ def test_the_table_gives_back_every_record(request_, tmp_path):
         record = kept.find(run)
         assert record and record.scores == FakeRuns()._scores(run) and record.config["seed"] == run.seed
         assert [line["validation/loss/reconstruction"] for line in record.validation] == [0.5, 0.125]
-    assert len((tmp_path / FILE).read_text().splitlines()) == 1 + len(plan.runs)
+    text = (tmp_path / FILE).read_text()
+    lines = text.splitlines(keepends=True)
+    assert len(lines) == 1 + len(plan.runs)
+    for damaged, said in ((text + lines[1], "twice; remove one"), (text[:-9], "is damaged .*; restore")):
+        (tmp_path / FILE).write_text(damaged)
+        with pytest.raises(UserError, match=said):
+            read_kept(tmp_path)
 
 
 def test_settings_may_come_and_go(request_, tmp_path):
     """A setting that a later version adds or removes does not part a kept run from its row; a changed one does."""
     run_study(request_, FakeRuns(), keep=tmp_path)
     lines = [json.loads(line) for line in (tmp_path / FILE).read_text().splitlines()]
-    lines[0]["alike"]["config"]["train"]["forgotten"] = 3
-    del lines[0]["alike"]["config"]["train"]["ema"]
+    for line in lines[1:]:
+        line["config"]["train"]["forgotten"] = 3
+        del line["config"]["train"]["ema"]
     (tmp_path / FILE).write_text("".join(json.dumps(line) + "\n" for line in lines))
     kept, plan = read_kept(tmp_path), plan_table(request_)
     assert all(kept.find(run) for run in plan.runs)
