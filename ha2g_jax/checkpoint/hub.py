@@ -76,7 +76,7 @@ def fetch(name: str) -> pathlib.Path:
     return folder
 
 
-def publish(folder: pathlib.Path, card: str, name: str, *, is_private: bool = False, message: str = "") -> str:
+def publish(folder: pathlib.Path, card: str, name: str, *, is_private: bool, message: str) -> str:
     """Publish a model folder, with the text of its card, as one commit; the repository is made if there is none.
 
     The name is OWNER/NAME or OWNER/NAME@BRANCH; that of the published model, with its commit, is returned.
@@ -92,7 +92,7 @@ def publish(folder: pathlib.Path, card: str, name: str, *, is_private: bool = Fa
     operations = [library.CommitOperationAdd(path_in_repo=path, path_or_fileobj=it) for path, it in contents.items()]
     with _blame(name):
         api.create_repo(repository, private=is_private, exist_ok=True)
-        done = api.create_commit(repository, operations, commit_message=message or "Publish model", revision=branch)
+        done = api.create_commit(repository, operations, commit_message=message, revision=branch)
     return f"{PREFIX}{repository}@{done.oid}"
 
 

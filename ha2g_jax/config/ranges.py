@@ -20,6 +20,7 @@ class Range(NamedTuple):
 
 TEXT = Range("a text", lambda value: isinstance(value, str))
 FLAG = Range("True or False", lambda value: isinstance(value, bool))
+POSITIVE = Range("a number above 0", lambda value: _is_number(value) and 0 < value <= MAX_SETTING)
 
 
 def whole(least: int, most: int = MAX_SETTING) -> Range:
@@ -32,11 +33,6 @@ def whole(least: int, most: int = MAX_SETTING) -> Range:
 def number(least: float, most: float = MAX_SETTING) -> Range:
     """Return the numbers from `least` to `most`."""
     return Range(f"a number from {least} to {most}", lambda value: _is_number(value) and least <= value <= most)
-
-
-def above(bound: float) -> Range:
-    """Return the numbers greater than `bound`."""
-    return Range(f"a number above {bound:g}", lambda value: _is_number(value) and bound < value <= MAX_SETTING)
 
 
 def below(bound: float) -> Range:

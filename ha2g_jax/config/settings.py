@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import ml_collections
 
-from ha2g_jax.config.ranges import FLAG, TEXT, Range, above, below, number, one_of, several, so_that, some_of, whole
+from ha2g_jax.config.ranges import FLAG, POSITIVE, TEXT, Range, below, number, one_of, several, so_that, some_of, whole
 from ha2g_jax.errors import UserError
 from ha2g_jax.limits import (
     MAX_CHANNELS,
@@ -153,10 +153,10 @@ def _losses(method: str, weights: Mapping[str, float], *settings: Setting) -> tu
 
 
 _GAN_KIND = Setting("gan", "non_saturating", _GAN, "minimax is Eq. 6")
-_HUBER_DELTA = Setting("huber_delta", 0.1, above(0), "difference at which Huber's parabola becomes a line (D8)")
-_TEMPERATURE = Setting("temperature", 0.07, above(0), "tau of Eq. 2")
+_HUBER_DELTA = Setting("huber_delta", 0.1, POSITIVE, "difference at which Huber's parabola becomes a line (D8)")
+_TEMPERATURE = Setting("temperature", 0.07, POSITIVE, "tau of Eq. 2")
 _NEGATIVES = Setting("negatives", _LEVELS, some_of(*_LEVELS), "levels of the audio in the denominator of Eq. 2")
-_STYLE_CLIP = Setting("style_clip", 1000.0, above(0), "epsilon of Eq. 7")
+_STYLE_CLIP = Setting("style_clip", 1000.0, POSITIVE, "epsilon of Eq. 7")
 
 # What a method has beside `SETTINGS` or in place of one of them; weights and settings of its losses.
 OF_METHOD: dict[str, tuple[Setting, ...]] = {
@@ -177,7 +177,7 @@ OF_METHOD: dict[str, tuple[Setting, ...]] = {
             _HUBER_DELTA,
             _TEMPERATURE,
             _NEGATIVES,
-            Setting("style_delta", 0.05, above(0), "delta of Huber's function in the style term (D15)"),
+            Setting("style_delta", 0.05, POSITIVE, "delta of Huber's function in the style term (D15)"),
             _STYLE_CLIP,
             Setting(
                 "text", "own", one_of("own", "other"), "text of the contrastive term; other: that of another window"

@@ -81,8 +81,7 @@ def _measure_step(config: Config, precision: str, steps: int) -> dict[str, Any]:
     with jax.default_matmul_precision(products):
         step = TimedStep(config)
         peak = _measure_peak(dtype) * step.num_devices
-    step.run()
-    seconds = statistics.median(step.run() for _ in range(steps))
+    seconds = step.median(steps)
     return {
         "precision": precision,
         "batch_size": step.batch_size,

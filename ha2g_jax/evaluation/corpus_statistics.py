@@ -64,7 +64,7 @@ def summarise(path: str | os.PathLike) -> dict[str, Any]:
     corpus = Corpus.open(path)
     motion, total = TrainingMotion(corpus.skeleton, corpus.fps), _Counts(corpus)
     counts = {split: _Counts(corpus) for split in corpus.splits}
-    lengths, paces = (np.zeros(len(edges) - 1, np.int64) for edges in (SECONDS_EDGES, PACE_EDGES))
+    lengths, paces = [], []
     num_clips = sum(entry["clips"] for entry in corpus.metadata["splits"].values())
     with progress_bar("reading the corpus", num_clips, "clip") as bar:
         for split in corpus.splits:
@@ -76,9 +76,9 @@ def summarise(path: str | os.PathLike) -> dict[str, Any]:
                 if split == TRAIN:
                     motion.update(fields["positions"], fields["window_starts"])
                 seconds = len(fields["positions"]) / corpus.fps
-                _count(lengths, SECONDS_EDGES, seconds)
+                lengths.append(seconds)
                 if seconds >= _SHORTEST_PACE and fields["words"]:
-                    _count(paces, PACE_EDGES, 60 * len(fields["words"]) / seconds)
+                    paces.append(60 * len(fields["words"]) / seconds)
                 bar.update()
     return {
         "name": str(corpus.metadata.get("name", resolved(corpus.path).name)),
@@ -91,8 +91,8 @@ def summarise(path: str | os.PathLike) -> dict[str, Any]:
         "training": motion.result(),
         "import": corpus.metadata.get("import", {}),
         "failed": corpus.metadata.get("failed", []),
-        "clip_seconds": lengths.tolist(),
-        "clip_pace": paces.tolist(),
+        "clip_seconds": np.histogram(np.minimum(lengths, SECONDS_EDGES[-1]), SECONDS_EDGES)[0].tolist(),
+        "clip_pace": np.histogram(np.minimum(paces, PACE_EDGES[-1]), PACE_EDGES)[0].tolist(),
     }
 
 
@@ -168,10 +168,6 @@ def _aligned(rows: list[list[str]]) -> list[str]:
         " ".join([f"{row[0]:<{first}}", *(f"{cell:>{width}}" for cell, width in zip(row[1:], widths, strict=True))])
         for row in rows
     ]
-
-
-def _count(histogram: np.ndarray, edges: np.ndarray, value: float) -> None:
-    histogram[min(int(np.searchsorted(edges, value, "right")) - 1, len(histogram) - 1)] += 1
 
 
 class _Counts:

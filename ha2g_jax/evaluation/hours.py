@@ -1,6 +1,5 @@
 """Predict the time of a run, and of the runs of Table 1, from steps that are measured on the machine at hand."""
 
-import statistics
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -43,8 +42,7 @@ def predict(config: Config, steps: int) -> tuple[RunTime, float]:
         corpus = inputs.open_corpus(config)
     step = TimedStep(config, corpus)
     initialising = step.initialise()
-    step.run()
-    seconds = statistics.median(step.run() for _ in range(steps))
+    seconds = step.median(steps)
     windows, test = _SEGMENTS[config.skeleton] // 10, _HOURS[config.skeleton] / 10
     if corpus is not None:
         held_out = inputs.open_validation(config, step.objective.spec, corpus, corpus.vocabulary())

@@ -4,22 +4,19 @@ import pathlib
 import sys
 from typing import Any
 
-import numpy as np
 import tqdm
 
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.config.settings import Config
 from ha2g_jax.data.records import Clip
-from ha2g_jax.data.windows import resize_images
 from ha2g_jax.errors import UserError
+from ha2g_jax.evaluation.clip_result import clip_identity
 from ha2g_jax.features.audio import SAMPLE_RATE
-from ha2g_jax.methods import encode_identity
 from ha2g_jax.methods.method import Spec
 from ha2g_jax.motion.formats.video import write_video
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import positions_to_directions
 from ha2g_jax.synthesis.model import Model, generate_directions
-from ha2g_jax.synthesis.style import Style, choose_style
 
 _SECONDS = 10
 _SIZE = 360
@@ -38,13 +35,13 @@ def write_sample(
     """Write the video `folder`/step-00001000.mp4 of ten seconds: true motion on the left, generated on the right.
 
     The model was trained for `step` steps, and its variables are arrays of this host. The style is that of
-    `clip_style`. A sample that cannot be written does not end the run, but is reported on stderr.
+    `clip_result.clip_identity`. A sample that cannot be written does not end the run, but is reported on stderr.
     """
     audio = clip.audio[: _SECONDS * SAMPLE_RATE]
     fps, skeleton = config.data.fps, assets.skeleton
     model = Model(spec, variables, assets, config)
     try:
-        generated = generate_directions(model, audio, clip_style(model, clip), _SEED, words=clip.words)
+        generated = generate_directions(model, audio, clip_identity(model, clip), _SEED, words=clip.words)
         true = positions_to_directions(skeleton, clip.positions[: _SECONDS * fps])
         motions = {
             "true": Motion.from_directions(skeleton, true, fps),
@@ -53,14 +50,3 @@ def write_sample(
         write_video(folder / f"step-{step:08d}.mp4", motions, audio, SAMPLE_RATE, size=_SIZE, has_progress=False)
     except (UserError, OSError) as error:
         tqdm.tqdm.write(f"no sample of step {step}: {error}", file=sys.stderr)
-
-
-def clip_style(model: Model, clip: Clip) -> np.ndarray:
-    """Return the style (style_dim,) to generate a clip in: that of its speaker, of its images, or a random one."""
-    spec, parts = model.spec, (model.spec, model.variables, model.assets)
-    if len(model.assets.speakers.get(clip.speaker, ())):
-        return choose_style(*parts, Style(speaker=clip.speaker, variation=0))[0]
-    if spec.identity == "images" and clip.reference_images is not None:
-        images = resize_images(clip.reference_images[: spec.num_reference_images], spec.image_size)
-        return np.asarray(encode_identity(spec, model.variables, images))
-    return choose_style(*parts, seed=_SEED)[0]

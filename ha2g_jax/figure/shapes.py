@@ -123,6 +123,11 @@ def shade(colour: Colour, factor: float) -> Colour:
     return red, green, blue
 
 
+def to_hex(colour: Colour) -> str:
+    """Return a colour as HTML and SVG write it, such as #3e6e9e."""
+    return "#{:02x}{:02x}{:02x}".format(*colour)
+
+
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return inner products (..., 1) of vectors (..., 3)."""
     return np.sum(a * b, axis=-1, keepdims=True)

@@ -38,7 +38,10 @@ def shown(path: str | os.PathLike) -> str:
     """Return a path as printable text: bytes that are not UTF-8 and control characters as escapes, the middle left out
     if it is very long.
     """
-    text = os.fsencode(path).decode("utf-8", errors="backslashreplace")
+    try:
+        text = os.fsencode(path).decode("utf-8", errors="backslashreplace")
+    except UnicodeEncodeError:  # half a pair of surrogates, which JSON may have
+        text = os.fspath(path)
     text = "".join(letter if letter.isprintable() else letter.encode("unicode_escape").decode() for letter in text)
     if len(text) <= MAX_NAME_LENGTH:
         return text

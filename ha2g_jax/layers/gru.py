@@ -27,6 +27,7 @@ def _weights(module: nn.Module, inputs: int, hidden_dim: int, suffix: str) -> tu
 def _gates(x: jax.Array, weights: tuple[jax.Array, ...]) -> tuple[Gates, jax.Array]:
     """Return the gates and the hidden bias of one GRU on x (N, B, inputs), as `gru_scan` takes them."""
     input_weight, hidden_weight, input_bias, hidden_bias = weights
+    # c_r and c_z can be added before the scan; c_n, the hidden bias, lies inside the product with r.
     outside, inside = jnp.split(hidden_bias, [2 * hidden_weight.shape[1]])
     bias = input_bias + jnp.concatenate([outside, jnp.zeros_like(inside)])
     # One matrix product for all frames instead of one in each step of the scan.
@@ -82,7 +83,8 @@ class BiGRU(nn.Module):
         )
         (gates, bias), (back_gates, back_bias) = _gates(x, weights), _gates(x[::-1], back_weights)
         masks = None if is_real is None else (is_real, is_real[::-1])
-        if x.shape[1] == 1:
+        _, batch, _ = x.shape
+        if batch == 1:
             # Each direction has a scan of its own: its weights fit the cache of a core, those of both do not.
             forward = sequence_scan(gates, weights[1], bias, masks and masks[0])
             backward = sequence_scan(back_gates, back_weights[1], back_bias, masks and masks[1])

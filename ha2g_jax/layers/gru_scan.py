@@ -28,7 +28,7 @@ def gru_scan(
 
     The gradient keeps the states alone and computes the gates of all steps from them at once. What is left to its scan
     is the chain from state to state; the gradient of a kernel is one product over all steps. There are gradients of any
-    order in reverse mode, but none in forward mode (`jax.jvp`).
+    order in reverse mode, but none in forward mode (`jax.jvp`), and within `jax.shard_map` only with `check_vma=False`.
 
     Both scans are those of oneDNN where `library.is_used_for` says so, unless there is padding.
 

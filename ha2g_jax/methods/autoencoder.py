@@ -148,15 +148,6 @@ class Terms(NamedTuple):
     cosine: jax.Array
 
 
-def total(weights: Terms, terms: Terms) -> jax.Array:
-    """Return the objective."""
-    return (
-        weights.reconstruction * terms.reconstruction
-        + weights.velocity * terms.velocity
-        + weights.cosine * terms.cosine
-    )
-
-
 def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
     """Build the auto-encoder of a skeleton, without other settings, as values of different ones cannot be compared."""
     del vocabulary_size, num_speakers

@@ -17,7 +17,7 @@ from ha2g_jax.config.settings import Config
 from ha2g_jax.layers.resnet_se import Features
 from ha2g_jax.methods.ha2g import losses
 from ha2g_jax.methods.ha2g import method as ha2g
-from ha2g_jax.methods.method import FLOAT32, Batch, Compute, Run, Spec, Variables, speech_arguments
+from ha2g_jax.methods.method import FLOAT32, Batch, Compute, Run, Spec, Variables, generator_arguments
 from ha2g_jax.methods.networks import apply, draw_noise
 from ha2g_jax.skeleton import Skeleton
 
@@ -28,7 +28,7 @@ _SPAN = 8  # frames in which velocities are compared, so that the time of a stro
 rngs: tuple[str, ...] = ("dropout", "identity", "noise")
 reconstruction_term = "energy"
 has_parts = False
-init_arguments = speech_arguments
+init_arguments = generator_arguments
 encode_speech, encode_identity = ha2g.encode_speech, ha2g.encode_identity
 
 
@@ -39,16 +39,6 @@ class Terms(NamedTuple):
     velocity: jax.Array
     kld: jax.Array
     contrastive: jax.Array
-
-
-def total(weights: Terms, terms: Terms) -> jax.Array:
-    """Return the objective."""
-    return (
-        weights.energy * terms.energy
-        + weights.velocity * terms.velocity
-        + weights.kld * terms.kld
-        + weights.contrastive * terms.contrastive
-    )
 
 
 class LossSettings(NamedTuple):
@@ -96,7 +86,7 @@ def run(
 
     Evaluation mode takes the mean of each identity, not a sample.
     """
-    speech, identity, seed_pose = speech_arguments(spec, batch)
+    speech, identity, seed_pose = generator_arguments(spec, batch)
     (features, text, (mean, log_variance)), batch_stats = apply(
         spec.generator, variables, keys["dropout"], speech, identity, train=train, compute=compute, method=ha2g.encode
     )

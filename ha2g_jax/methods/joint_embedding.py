@@ -23,8 +23,8 @@ from ha2g_jax.methods.method import (
     Run,
     Spec,
     Variables,
+    generator_arguments,
     make_spec,
-    speech_arguments,
     subtract_mean,
 )
 from ha2g_jax.methods.networks import apply, audio_encoder, identity_encoder, mean_style, speech_features, text_encoder
@@ -161,7 +161,7 @@ def l1(poses: jax.Array, targets: jax.Array) -> jax.Array:
 rngs: tuple[str, ...] = ("dropout", "latent", "coin")
 reconstruction_term = "l1"
 has_parts = False
-init_arguments = speech_arguments
+init_arguments = generator_arguments
 encode_speech, encode_identity = networks.encode_speech, networks.encode_identity
 loss_settings = networks.no_settings
 
@@ -170,11 +170,6 @@ class Terms(NamedTuple):
     """The term of the objective, () and unweighted, or its weight, a float."""
 
     l1: jax.Array
-
-
-def total(weights: Terms, terms: Terms) -> jax.Array:
-    """Return the objective."""
-    return weights.l1 * terms.l1
 
 
 def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
@@ -229,7 +224,7 @@ def run(
     speech is always a sample, in evaluation too, that of the poses never. The style is always the mean of the identity,
     as no term of the objective keeps its distribution near another. See `Method.run`.
     """
-    speech, identity, seed_pose = speech_arguments(spec, batch)
+    speech, identity, seed_pose = generator_arguments(spec, batch)
     poses = subtract_mean(spec, batch["directions"])
     noise = jax.random.normal(keys["latent"], (len(poses), spec.generator.latent_dim), poses.dtype)
     from_speech = jax.random.bernoulli(keys["coin"]) if train else jnp.ones((), bool)

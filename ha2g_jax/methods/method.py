@@ -5,6 +5,8 @@ A method is a module of this package whose functions have the names and argument
 everything that generation needs; weights of losses, optimisers and schedules are in `ha2g_jax.train.objective`.
 """
 
+import functools
+import operator
 from collections.abc import Mapping
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
@@ -169,10 +171,6 @@ class Method(Protocol):
         """
         ...
 
-    def total(self, weights: Any, terms: Any) -> jax.Array:
-        """Return the objective, the weighted sum of `Terms`."""
-        ...
-
 
 class GeneratingMethod(Method, Protocol):
     """Functions of a method that generates motion from speech; generation calls nothing else of it."""
@@ -200,6 +198,11 @@ class GeneratingMethod(Method, Protocol):
         noise (B, N, noise_dim) is that of `features.noise.track`.
         """
         ...
+
+
+def total(weights: Any, terms: Any) -> jax.Array:
+    """Return the objective (HA2G, Eq. 9): each of the `Terms` times its weight, summed in the order of the fields."""
+    return functools.reduce(operator.add, map(operator.mul, weights, terms))
 
 
 def make_spec(
@@ -234,7 +237,7 @@ def make_spec(
     )
 
 
-def speech_arguments(spec: Spec, batch: Mapping[str, jax.Array]) -> tuple[Any, ...]:
+def generator_arguments(spec: Spec, batch: Mapping[str, jax.Array]) -> tuple[Any, ...]:
     """Return the arguments of a generator called with the speech, the identities and the seed poses of a batch."""
     speech = {name: batch[name] for name in spec.training_inputs}
     seed_pose = subtract_mean(spec, batch["directions"])[:, : spec.num_seed_frames]

@@ -18,7 +18,7 @@ from ha2g_jax.layers.identity import ImageIdentity, SpeakerIdentity
 from ha2g_jax.layers.resnet_se import AudioEncoder, Features
 from ha2g_jax.layers.tcn import TextEncoder
 from ha2g_jax.layers.waveform import WaveformEncoder
-from ha2g_jax.methods.method import FLOAT32, Batch, Compute, Poses, Run, Spec, Variables, speech_arguments
+from ha2g_jax.methods.method import FLOAT32, Batch, Compute, Poses, Run, Spec, Variables, generator_arguments
 
 _NOISE_FRAMES = 1 << 10  # of which training noise starts at one; more than a period of it at any frame rate
 
@@ -171,7 +171,7 @@ def run_generator(
     compute: Compute = FLOAT32,
 ) -> Run[Poses, None]:
     """Run a generator that needs nothing but a call on a batch; see `Method.run`."""
-    arguments = speech_arguments(spec, batch)
+    arguments = generator_arguments(spec, batch)
     poses, batch_stats = apply(spec.generator, variables, keys["dropout"], *arguments, train=train, compute=compute)
     return Run(Poses(poses), None, batch_stats)
 

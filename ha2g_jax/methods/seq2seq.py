@@ -18,7 +18,7 @@ from ha2g_jax.layers.gru import BiGRU, GRUCells
 from ha2g_jax.layers.linear import Linear
 from ha2g_jax.layers.resnet_se import AudioEncoder
 from ha2g_jax.methods import networks
-from ha2g_jax.methods.method import Poses, Spec, make_spec, speech_arguments
+from ha2g_jax.methods.method import Poses, Spec, generator_arguments, make_spec
 from ha2g_jax.methods.networks import identity_encoder, mean_style, resnet_se, speech_features
 from ha2g_jax.skeleton import Skeleton
 
@@ -208,7 +208,7 @@ def variance(poses: jax.Array) -> jax.Array:
 rngs: tuple[str, ...] = ("dropout",)
 reconstruction_term = "mse"
 has_parts = False
-init_arguments = speech_arguments
+init_arguments = generator_arguments
 run, loss_settings = networks.run_generator, networks.no_settings
 encode_speech, encode_identity, sample = networks.encode_speech, networks.encode_identity, networks.sample
 
@@ -219,11 +219,6 @@ class Terms(NamedTuple):
     mse: jax.Array
     continuity: jax.Array
     variance: jax.Array
-
-
-def total(weights: Terms, terms: Terms) -> jax.Array:
-    """Return the objective."""
-    return weights.mse * terms.mse + weights.continuity * terms.continuity + weights.variance * terms.variance
 
 
 # The marks of a sentence's start and end, which follow the words of the vocabulary.

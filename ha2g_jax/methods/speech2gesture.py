@@ -18,7 +18,7 @@ from ha2g_jax.layers.conv import BatchNorm
 from ha2g_jax.layers.linear import Linear
 from ha2g_jax.layers.resnet_se import MEL_RANGE
 from ha2g_jax.methods import networks
-from ha2g_jax.methods.method import Poses, Spec, make_spec, speech_arguments
+from ha2g_jax.methods.method import Poses, Spec, generator_arguments, make_spec
 from ha2g_jax.methods.networks import identity_encoder, mean_style
 from ha2g_jax.skeleton import Skeleton
 
@@ -190,7 +190,7 @@ def l1(poses: jax.Array, targets: jax.Array) -> jax.Array:
 rngs: tuple[str, ...] = ("dropout",)
 reconstruction_term = "l1"
 has_parts = False
-init_arguments = speech_arguments
+init_arguments = generator_arguments
 run, loss_settings = networks.run_generator, networks.no_settings
 encode_speech, encode_identity, sample = networks.encode_speech, networks.encode_identity, networks.sample
 
@@ -198,13 +198,8 @@ encode_speech, encode_identity, sample = networks.encode_speech, networks.encode
 class Terms(NamedTuple):
     """Terms of the objective, each () and unweighted; or their weights, floats."""
 
-    gan: jax.Array
     l1: jax.Array
-
-
-def total(weights: Terms, terms: Terms) -> jax.Array:
-    """Return the objective of the generator."""
-    return weights.l1 * terms.l1 + weights.gan * terms.gan
+    gan: jax.Array
 
 
 def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
@@ -246,4 +241,4 @@ def _check_stages(config: Config) -> None:
 def terms(spec: Spec, settings: None, outputs: Poses, constants: None, targets: jax.Array, gan: jax.Array) -> Terms:
     """Return the unweighted terms; see `Method.terms`."""
     del spec, settings, constants
-    return Terms(gan, l1(outputs.poses[-1], targets))
+    return Terms(l1(outputs.poses[-1], targets), gan)

@@ -16,7 +16,7 @@ from ha2g_jax.layers.waveform import WaveformEncoder
 from ha2g_jax.methods import networks
 from ha2g_jax.methods.adversarial import Discriminator
 from ha2g_jax.methods.ha2g.losses import huber, kld, style
-from ha2g_jax.methods.method import FLOAT32, Batch, Compute, Run, Spec, Variables, make_spec, speech_arguments
+from ha2g_jax.methods.method import FLOAT32, Batch, Compute, Run, Spec, Variables, generator_arguments, make_spec
 from ha2g_jax.methods.networks import apply, audio_encoder, identity_encoder, speech_features, text_encoder
 from ha2g_jax.skeleton import Skeleton
 
@@ -74,7 +74,7 @@ class Trimodal(nn.Module):
 rngs: tuple[str, ...] = ("dropout", "identity", "permutation")
 reconstruction_term = "huber"
 has_parts = False
-init_arguments = speech_arguments
+init_arguments = generator_arguments
 encode_speech, encode_identity, sample = networks.encode_speech, networks.encode_identity, networks.sample
 
 
@@ -86,15 +86,10 @@ _SLOPES = {"paper": (0.01, 0.2), "release": (1.0, 1.0)}
 class Terms(NamedTuple):
     """Terms of the objective, each () and unweighted; or their weights, floats."""
 
-    gan: jax.Array
     huber: jax.Array
     style: jax.Array
     kld: jax.Array
-
-
-def total(weights: Terms, terms: Terms) -> jax.Array:
-    """Return the objective of the generator."""
-    return weights.huber * terms.huber + weights.style * terms.style + weights.kld * terms.kld + weights.gan * terms.gan
+    gan: jax.Array
 
 
 class LossSettings(NamedTuple):
@@ -155,7 +150,7 @@ def run(
     Each of the two has its own sample of the style, so that they differ even where a speaker stays in place.
     Evaluation mode takes the mean of each style, not a sample. See `Method.run`.
     """
-    speech, speaker, seed_pose = speech_arguments(spec, batch)
+    speech, speaker, seed_pose = generator_arguments(spec, batch)
     (features, (mean, log_variance)), batch_stats = apply(
         spec.generator, variables, keys["dropout"], speech, speaker, train=train, compute=compute, method=_encode
     )

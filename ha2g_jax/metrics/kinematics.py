@@ -16,7 +16,7 @@ from ha2g_jax.skeleton import joint_angles
 NUM_BINS = 50
 NUM_HALVES = 20  # random divisions of ground truth
 
-_STILL = 1e-5  # units a second below which a joint does not move: the rounding of float32 positions
+STILL = 1e-5  # units a second below which a joint does not move: the rounding of float32 positions
 
 QUANTILES = (0.001, 0.999)
 
@@ -125,7 +125,7 @@ def histogram_distance(counts: np.ndarray, reference: np.ndarray) -> float:
 def _speeds(positions: np.ndarray, fps: float) -> np.ndarray:
     """Return the speeds (frames - 1, joints); 0 below the rounding of positions."""
     speeds = np.linalg.norm(np.diff(np.asarray(positions, np.float64), axis=0), axis=-1) * fps
-    return np.where(speeds < _STILL, 0, speeds)
+    return np.where(speeds < STILL, 0, speeds)
 
 
 def _truth_edges(reference: Reference) -> np.ndarray:

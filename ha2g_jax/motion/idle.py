@@ -85,7 +85,7 @@ def _turns(skeleton: Skeleton) -> np.ndarray:
     for side in SIDES:
         bone = skeleton.bone(f"{side}_shoulder")
         breath[bone] = _BREATH_DEGREES * unit(np.cross(skeleton.mean_directions[bone], [0, -1, 0]))
-    head = [bone for part in parts(skeleton) if part.kind == HEAD for bone in part.bones]
+    head = bones_of(tuple(part for part in parts(skeleton) if part.kind == HEAD))
     moved = [(slice(None), _BODY), (head, _HEAD), *((bones_of(arm_parts(skeleton, side)), _ARM) for side in SIDES)]
     return np.concatenate([np.deg2rad(breath)[None], _about_axes(skeleton, moved)])
 

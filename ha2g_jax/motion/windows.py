@@ -39,18 +39,9 @@ def join_windows(windows: np.ndarray, overlap: int, stride: int) -> np.ndarray:
     """
     num_frames = windows.shape[1]
     first = 0 if stride == num_frames - overlap else overlap
-    fade = min(overlap, stride, num_frames - first - stride)
-    end = first + stride
-    own = windows[:, first:end].copy()
-    own[1:, :fade] = _faded(windows[:-1, end : end + fade], own[1:, :fade])
-    return np.concatenate([windows[0, :first], own.reshape(-1, *own.shape[2:]), windows[-1, end:]])
-
-
-def _faded(expected: np.ndarray, found: np.ndarray) -> np.ndarray:
-    """Return frames (..., n, bones, 3) with weights 1/(n+1), ..., n/(n+1), beside those that were expected."""
-    count = found.shape[-3]
-    weight = (np.arange(1, count + 1, dtype=np.float32) / (count + 1))[:, None, None]
-    return slerp(expected, found, weight)
+    join = RunningJoin(num_frames, overlap, stride, first)
+    shown = [join.add(window) for window in windows]
+    return np.concatenate([windows[0, :first], *(frames[:stride] for frames in shown), shown[-1][stride:]])
 
 
 def ease_start(motion: np.ndarray, window: int, overlap: int) -> np.ndarray:
@@ -93,8 +84,7 @@ class RunningJoin:
     A window shows the frames from its `first` one on; those before it have been shown. What the window before expected
     of the first frames that are shown fades out in hop + 1 frames, at most M, so that the motion does not jump. With
     short hops and a look-ahead it fades out in up to 6 frames: several windows have then heard the speech of a frame,
-    and their mean trembles less. With a hop of `window_stride` and the first frame M the result is that of
-    `join_windows`.
+    and their mean trembles less.
 
     Args:
         window, overlap: frames N of a window and M of the seed pose.
@@ -120,6 +110,7 @@ class RunningJoin:
         shown = np.array(window[self.first :], np.float32)
         if self._shown is not None:
             expected = self._shown[self._hop : self._hop + self._fade]
-            shown[: self._fade] = _faded(expected, shown[: self._fade])
+            weight = (np.arange(1, self._fade + 1, dtype=np.float32) / (self._fade + 1))[:, None, None]
+            shown[: self._fade] = slerp(expected, shown[: self._fade], weight)
         self._shown = shown
         return shown

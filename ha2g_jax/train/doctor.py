@@ -5,8 +5,6 @@ import contextlib
 import os
 import pathlib
 import platform
-import statistics
-import time
 from typing import Any, NamedTuple
 
 import jax
@@ -248,7 +246,7 @@ def _step(config: Config, corpus: Corpus | None) -> Finding:
             if trouble := _lack_of_memory(step.memory.total, step.num_devices):
                 return Finding("step", found, trouble, values)
         with stage("measuring the training step"):
-            seconds = _time(step)
+            seconds = step.median(_STEPS, _SECONDS)
     except UserError as error:
         return Finding("step", found, str(error), values)
     except jax.errors.JaxRuntimeError as error:
@@ -269,13 +267,3 @@ def _lack_of_memory(size: int, num_devices: int) -> str:
     if available is None or size <= available:
         return ""
     return f"the step needs {gib(size)} but {gib(available)} are available, so it was not run: {_LESS_MEMORY}"
-
-
-def _time(step: TimedStep) -> float:
-    """Return the median seconds of a few steps after the first."""
-    step.run()
-    seconds: list[float] = []
-    started = time.perf_counter()
-    while not seconds or (len(seconds) < _STEPS and time.perf_counter() - started < _SECONDS):
-        seconds.append(step.run())
-    return statistics.median(seconds)

@@ -3,6 +3,7 @@
 import contextlib
 import math
 import pathlib
+import statistics
 import sys
 import time
 from collections.abc import Iterator
@@ -98,6 +99,14 @@ class TimedStep:
             jax.block_until_ready(step(self._state, self.batch, self._key))
             seconds.append(time.perf_counter() - started)
         return max(seconds[0] - seconds[1], 0.0), seconds[1]
+
+    def median(self, steps: int, most_seconds: float = math.inf) -> float:
+        """Return the median seconds of `steps` steps after the first, of fewer where they take `most_seconds`."""
+        self.run()
+        started, seconds = time.perf_counter(), [self.run()]
+        while len(seconds) < steps and time.perf_counter() - started < most_seconds:
+            seconds.append(self.run())
+        return statistics.median(seconds)
 
     def run(self) -> float:
         """Run one step and return its seconds; the first call also creates the state, which is not timed."""

@@ -16,7 +16,7 @@ import optax
 from ha2g_jax.checkpoint.state import Network, TrainState
 from ha2g_jax.methods import adversarial, method_of
 from ha2g_jax.methods.adversarial import discriminate
-from ha2g_jax.methods.method import Batch, Run, Spec, subtract_mean
+from ha2g_jax.methods.method import Batch, Run, Spec, subtract_mean, total
 from ha2g_jax.train.objective import Objective
 
 Metrics = dict[str, jax.Array]
@@ -68,7 +68,7 @@ def train_step(objective: Objective, state: TrainState, batch: Batch, key: jax.A
     spec = objective.spec
     keys = step_keys(spec, key, state.step)
     targets = subtract_mean(spec, batch["directions"])
-    has_gan = state.step >= objective.warmup_steps
+    is_warm = state.step >= objective.warmup_steps
 
     (outputs, constants, generator_stats), pull_back = run_generator(objective, state.generator, batch, keys)
     discriminator, discriminator_metrics = state.discriminator, {}
@@ -81,10 +81,10 @@ def train_step(objective: Objective, state: TrainState, batch: Batch, key: jax.A
             jax.lax.stop_gradient(outputs.poses[-1]),
             keys["discriminator"],
         )
-        discriminator = _where(has_gan, discriminator, state.discriminator)
+        discriminator = _where(is_warm, discriminator, state.discriminator)
 
     cotangent, metrics = output_gradient(
-        objective, discriminator, outputs, constants, targets, keys["gan"], state.step, has_gan
+        objective, discriminator, outputs, constants, targets, keys["gan"], state.step, is_warm
     )
     (gradient,) = pull_back(cotangent)
     generator = _update(state.generator, gradient, objective.generator_optimizer, state.step)
@@ -132,7 +132,7 @@ def validation_step(objective: Objective, state: TrainState, batch: Batch, key: 
     method, targets = method_of(spec), subtract_mean(spec, batch["directions"])
     outputs, constants, _ = method.run(spec, state.model, batch, keys, train=False, compute=objective.compute)
     terms = loss_terms(objective, state.discriminator, outputs, constants, targets, keys["gan"], train=False)
-    return _loss_metrics(terms, method.total(objective.weights, terms))
+    return _loss_metrics(terms, total(objective.weights, terms))
 
 
 def step_keys(spec: Spec, key: jax.Array, step: jax.Array) -> dict[str, jax.Array]:
@@ -190,12 +190,12 @@ def output_gradient(
     targets: jax.Array,
     key: jax.Array,
     step: jax.Array,
-    has_gan: jax.Array,
+    is_warm: jax.Array,
 ) -> tuple[Any, Metrics]:
     """Return the gradient of the objective with respect to the outputs of the generator, and the metrics of its terms.
 
     The gradient of the GAN term is taken by itself and chained, so that its norm can be compared with that of the
-    reconstruction. The GAN term counts if `has_gan` () is true, after the warm-up. The other arguments are those of
+    reconstruction. The GAN term counts if `is_warm` () is true, after the warm-up. The other arguments are those of
     `loss_terms`, in training mode.
 
     Returns:
@@ -205,24 +205,22 @@ def output_gradient(
     spec, weights, method = objective.spec, objective.weights, method_of(objective.spec)
     gan = gan_gradient = None
     if discriminator is not None:
-        weights = weights._replace(gan=jnp.where(has_gan, weights.gan, 0.0))
+        weights = weights._replace(gan=jnp.where(is_warm, weights.gan, 0.0))
         gan, gan_gradient = jax.value_and_grad(_gan_term, argnums=2)(
             objective, discriminator, outputs.poses[-1], key, train=True
         )
 
     def objective_of(outputs: Any, gan: jax.Array | None) -> tuple[jax.Array, Any]:
         terms = method.terms(spec, objective.settings, outputs, constants, targets, gan)
-        return method.total(weights, terms), terms
+        return total(weights, terms), terms
 
-    (total, terms), (gradient, gan_weight) = jax.value_and_grad(objective_of, argnums=(0, 1), has_aux=True)(
-        outputs, gan
-    )
-    metrics = _loss_metrics(terms, total)
+    (value, terms), (gradient, gan_slope) = jax.value_and_grad(objective_of, argnums=(0, 1), has_aux=True)(outputs, gan)
+    metrics = _loss_metrics(terms, value)
     if discriminator is None:
         return gradient, metrics
 
     *coarse, last = gradient.poses
-    whole = gradient._replace(poses=(*coarse, last + gan_weight * gan_gradient))
+    whole = gradient._replace(poses=(*coarse, last + gan_slope * gan_gradient))
 
     def reconstruction(poses: jax.Array) -> jax.Array:
         changed = outputs._replace(poses=(*outputs.poses[:-1], poses))

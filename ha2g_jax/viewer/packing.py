@@ -11,7 +11,8 @@ import av
 import numpy as np
 import soxr
 
-from ha2g_jax.figure import CAMERAS, SHIRTS, Colour
+from ha2g_jax.figure import CAMERAS, SHIRTS
+from ha2g_jax.figure.shapes import to_hex
 from ha2g_jax.motion.armature import export_axes, figure_armature
 from ha2g_jax.motion.formats import video
 from ha2g_jax.motion.formats.body_mesh import COLOURS, body_mesh
@@ -75,14 +76,14 @@ def _pack_body(name: str, lengths: tuple[float, ...]) -> dict[str, Any]:
     return {
         "joints": [*zip(armature.joints, armature.parents, places.round(5).tolist()), ("hips", 0, [0.0, 0.0, 0.0])],
         "parts": [
-            [colour, _hex(COLOURS[colour][0]), len(part.points), len(part.faces)] for colour, part in surfaces.items()
+            [colour, to_hex(COLOURS[colour][0]), len(part.points), len(part.faces)] for colour, part in surfaces.items()
         ],
         "points": deflated(np.diff(points, axis=1, prepend=0).astype("<i2").tobytes()),
         "bindings": deflated(
             np.concatenate([*(joints for joints, _ in bindings), *weights]).astype(np.uint8).tobytes()
         ),
         "faces": deflated(np.diff(faces, prepend=0).astype("<i2").tobytes()),
-        "shirts": [_hex(shirt) for shirt in SHIRTS],
+        "shirts": [to_hex(shirt) for shirt in SHIRTS],
         "view": list(CAMERAS["body"]),
     }
 
@@ -92,10 +93,6 @@ def _with_hips(surface: Surface) -> Surface:
     below = surface.influence[:, :1] * smoothstep(-surface.points[:, 1:2], 0.0, 0.3)
     spine, others = surface.influence[:, :1] - below, surface.influence[:, 1:]
     return surface._replace(influence=np.concatenate([spine, others, below], axis=1))
-
-
-def _hex(colour: Colour) -> str:
-    return "#{:02x}{:02x}{:02x}".format(*colour)
 
 
 def describe_skeleton(skeleton: Skeleton) -> dict[str, Any]:

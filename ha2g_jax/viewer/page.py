@@ -168,14 +168,10 @@ def read_asset(name: str) -> str:
     return (importlib.resources.files("ha2g_jax") / "assets" / "viewer" / name).read_text("utf-8")
 
 
-def three_library() -> bytes:
-    """Return the script three.js, release 130 with OrbitControls, as UTF-8."""
-    return (importlib.resources.files("ha2g_jax") / "assets" / "viewer" / "three.min.js").read_bytes()
-
-
 @functools.cache
 def _deflated_three() -> str:
-    return deflated(three_library())
+    """Return three.js, release 130 with OrbitControls."""
+    return deflated(read_asset("three.min.js").encode())
 
 
 class LivePage(NamedTuple):

@@ -91,25 +91,17 @@ def bone_names() -> dict[str, dict[str, tuple[str, float]]]:
     return tables | {name: _rows(*patterns) for name, patterns in _OTHERS.items()}
 
 
-def write_bone_names(path: pathlib.Path = ADDON / "bone_names.json") -> None:
-    """Write the table with one bone on each line.
-
-    Args:
-        path: JSON file to write.
-    """
+def write_bone_names() -> None:
+    """Write the table with one bone on each line."""
     rigs_text = []
     for rig, rows in bone_names().items():
         lines = ",\n".join(f"    {json.dumps(bone)}: {json.dumps(row)}" for bone, row in rows.items())
         rigs_text.append(f"  {json.dumps(rig)}: {{\n{lines}\n  }}")
-    path.write_text("{\n" + ",\n".join(rigs_text) + "\n}\n", encoding="utf-8")
+    (ADDON / "bone_names.json").write_text("{\n" + ",\n".join(rigs_text) + "\n}\n", encoding="utf-8")
 
 
 def write_zip(path: pathlib.Path = ZIP) -> None:
-    """Write the extension as an archive with its files at the top, as Blender requires.
-
-    Args:
-        path: zip file to write.
-    """
+    """Write the extension as an archive with its files at the top, as Blender requires."""
     files = sorted(file for file in ADDON.iterdir() if file.suffix in (".py", ".json", ".toml"))
     path.parent.mkdir(parents=True, exist_ok=True)
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:

@@ -24,9 +24,6 @@ from ha2g_motion.motion import MotionError
 def main(argv: list[str]) -> int:
     """Run the script.
 
-    Args:
-        argv: command-line arguments.
-
     Returns:
         Exit code: 0, or 2 for a mistake of the user.
     """

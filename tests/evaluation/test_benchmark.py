@@ -43,7 +43,7 @@ def test_a_precision_changes_the_types_of_the_step(monkeypatch):
         def __init__(self, config):
             found.append((config.train.dtype, SETTINGS.jax_default_matmul_precision))
 
-        def run(self):
+        def median(self, steps):
             return 0.5
 
     monkeypatch.setattr(benchmark, "TimedStep", Step)
@@ -63,7 +63,7 @@ def test_a_run_is_its_steps_and_the_batches_of_its_validations(tiny_talk, monkey
         def initialise(self):
             return 5.0
 
-        def run(self):
+        def median(self, steps):
             return 0.5
 
         def validate(self):

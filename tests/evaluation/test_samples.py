@@ -68,23 +68,6 @@ def test_other_weights_move_the_generated_figure_alone_and_compile_nothing(write
     assert np.abs(first["step 1"].positions - second["step 2"].positions).max() > 1e-3
 
 
-def test_the_style_is_the_speaker_s_then_the_images_then_random(debug_model, clip):
-    def style(clip, **changes):
-        return samples.clip_style(dataclasses.replace(debug_model, **changes), clip)
-
-    known = dataclasses.replace(clip, speaker="ada")
-    ada = debug_model.assets.speakers["ada"]
-    np.testing.assert_array_equal(style(known), ada)
-    unfinished = dataclasses.replace(debug_model.assets, speakers={"ada": np.zeros(0, np.float32)})
-    seen = style(known, assets=unfinished)
-    np.testing.assert_array_equal(seen, style(clip))
-    drawn = style(dataclasses.replace(clip, reference_images=None))
-    table = debug_model.spec._replace(identity="speaker")
-    np.testing.assert_array_equal(drawn, style(clip, spec=table))
-    assert seen.shape == drawn.shape == ada.shape
-    assert np.abs(seen - drawn).max() > 1e-3 and np.abs(seen - ada).max() > 1e-3
-
-
 def test_weights_that_are_not_finite_are_a_line_and_no_file(write, debug_model, tmp_path, capsys):
     write(step=7, variables=jax.tree.map(lambda x: x * np.nan, debug_model.variables))
     said = capsys.readouterr().err

@@ -102,16 +102,6 @@ def wandering(seed: int, windows: int = 4) -> np.ndarray:
     return (steps / np.linalg.norm(steps, axis=-1, keepdims=True)).astype(np.float32)
 
 
-@pytest.mark.parametrize("overlap", [1, 2, 4, 8])
-def test_windows_that_come_one_by_one_are_joined_as_all_at_once(overlap):
-    windows, hop = wandering(0), window_stride(34, overlap)
-    expected = join_windows(windows, overlap, hop)
-    join = RunningJoin(34, overlap, hop, overlap)
-    shown = [join.add(window) for window in windows]
-    found = np.concatenate([windows[0, :overlap], *(frames[:hop] for frames in shown), shown[-1][hop:]])
-    np.testing.assert_allclose(found, expected, atol=1e-6)
-
-
 @pytest.mark.parametrize(
     ("hop", "look_ahead", "fade"),
     [(1, 0, 2), (2, 0, 3), (3, 0, 4), (10, 0, 4), (26, 0, 4), (2, 4, 3), (1, 8, 6), (2, 8, 6), (2, 30, 6), (3, 8, 4)],

@@ -13,8 +13,8 @@ from ha2g_jax.config import presets
 from ha2g_jax.data.corpus import TRAIN
 from ha2g_jax.methods import adversarial, method_of
 from ha2g_jax.methods.adversarial import discriminate
-from ha2g_jax.methods.ha2g.method import Terms, total
-from ha2g_jax.methods.method import subtract_mean
+from ha2g_jax.methods.ha2g.method import Terms
+from ha2g_jax.methods.method import subtract_mean, total
 from ha2g_jax.train import inputs
 from ha2g_jax.train import step as steps
 from ha2g_jax.train.objective import build_objective, init_state

@@ -18,7 +18,7 @@ from ha2g_jax.files.reading import read_json, shown
 from ha2g_jax.files.writing import temporary_folder, writing
 from ha2g_jax.progress import stage
 from ha2g_jax.viewer.packing import pack_body
-from ha2g_jax.viewer.page import read_asset, three_library
+from ha2g_jax.viewer.page import read_asset
 
 LIST = "site.json"  # names the files of a site, so that another site may take its place
 _FORMAT = "ha2g-site 1"
@@ -71,7 +71,7 @@ def write_site(
 
 def _add_page(folder: pathlib.Path, scripts: pathlib.Path) -> None:
     shutil.copytree(scripts, folder, dirs_exist_ok=True)
-    (folder / "three.min.js").write_bytes(three_library())
+    (folder / "three.min.js").write_bytes(read_asset("three.min.js").encode())
     (folder / "viewer.js").write_text("".join(read_asset(name) for name in _VIEWER), encoding="utf-8")
     styles = "".join(read_asset(name) for name in _STYLES)
     (folder / "style.css").write_text(styles + (scripts / "style.css").read_text("utf-8"), encoding="utf-8")

@@ -300,7 +300,7 @@ def _to_phones(phonemes: str) -> str:
     return " ".join(_PHONES[symbol] for symbol in symbols if symbol in _PHONES) or "AH"
 
 
-def recognise(audio: np.ndarray, *, model: str = "tiny.en", language: str | None = None) -> tuple[Word, ...]:
+def recognise(audio: np.ndarray, *, model: str) -> tuple[Word, ...]:
     """Recognise the words of a recording (samples,) float32 at 16 kHz by Whisper, in order of time.
 
     Whisper's own times are wrong by up to half a second. English words are aligned again by `align`; for other
@@ -308,7 +308,6 @@ def recognise(audio: np.ndarray, *, model: str = "tiny.en", language: str | None
 
     Args:
         model: name of a Whisper model, which is downloaded once, or a folder of one in CTranslate2's format.
-        language: language code such as "en"; recognised from the first 30 s by default.
 
     Raises:
         UserError: faster-whisper or pocketsphinx is not installed, or the model cannot be loaded.
@@ -320,7 +319,6 @@ def recognise(audio: np.ndarray, *, model: str = "tiny.en", language: str | None
     with threadpoolctl.threadpool_limits(1, "blas"):
         segments, info = whisper.transcribe(
             audio,
-            language=language,
             word_timestamps=True,
             temperature=0.0,
             condition_on_previous_text=False,

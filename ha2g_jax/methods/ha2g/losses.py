@@ -89,13 +89,13 @@ def style(
 ) -> jax.Array:
     """Return the style diverging loss (Eq. 7), the mean over the batch of
 
-        - min(Huber(p(f_1), p(f_2)) / ||f_1 - f_2||_1, epsilon)
+        - min(Huber(p(f_1), p(f_2)) / (||f_1 - f_2||_1 + 1e-5), epsilon)
 
     of outputs (B, N, pose_dim) for two styles (B, 18), with `clip` for epsilon. D15: the scale is that of the public
     code. Huber's function, divided by delta as in `huber`, is summed over frames and dimensions; the distance of the
     styles is the mean over their values, which makes the term 18 times that with the L1 norm. No gradient passes
-    through `other_poses` and the styles. If both the styles and the outputs are equal, ratio and gradient are zero; if
-    only the styles are equal, the ratio is clipped.
+    through `other_poses` and the styles. The paper has no 1e-5 in the denominator; with it, ratio and gradient are zero
+    where both the styles and the outputs are equal.
     """
     other_poses, f_id, other_f_id = jax.lax.stop_gradient((other_poses, f_id, other_f_id))
     distance = jnp.sum(smooth_l1(poses - other_poses, delta), axis=(1, 2))
@@ -131,7 +131,7 @@ def contrastive(
     (including the positive) and l over the three levels. The sum is computed in blocks of candidates, forward and
     backward, so that the memory grows with B N and not with its square. A zero vector, which silence may cause, has
     cosine 0. `negatives` are the levels l of the sum; two rows of Table 3 leave some out. The positive is always part
-    of the sum.
+    of the sum. There are gradients in reverse mode, but none in forward mode (`jax.jvp`).
     """
     dim = text.shape[-1]
     text, low, mid, high = (_unit(features.reshape(-1, dim)) for features in (text, low, mid, high))
@@ -167,7 +167,7 @@ def _blocked_log_sum_exp(queries: jax.Array, candidates: jax.Array) -> jax.Array
         total = total * jnp.exp(maximum - new_maximum) + jnp.sum(jnp.exp(logits - new_maximum[:, None]), axis=-1)
         return (new_maximum, total), None
 
-    start = (jnp.full(queries.shape[:1], -jnp.inf, queries.dtype), jnp.zeros(queries.shape[:1], queries.dtype))
+    start = (jnp.full_like(queries[:, 0], -jnp.inf), jnp.zeros_like(queries[:, 0]))
     (maximum, total), _ = jax.lax.scan(add_block, start, (blocks, is_real))
     return maximum + jnp.log(total)
 

@@ -16,14 +16,24 @@ from ha2g_jax.methods import networks
 from ha2g_jax.methods.adversarial import Discriminator
 from ha2g_jax.methods.ha2g import losses
 from ha2g_jax.methods.ha2g.model import HA2G
-from ha2g_jax.methods.method import FLOAT32, Batch, Compute, Run, Spec, Variables, make_spec, restore, speech_arguments
+from ha2g_jax.methods.method import (
+    FLOAT32,
+    Batch,
+    Compute,
+    Run,
+    Spec,
+    Variables,
+    generator_arguments,
+    make_spec,
+    restore,
+)
 from ha2g_jax.methods.networks import apply, identity_encoder, resnet_se, text_encoder
 from ha2g_jax.skeleton import Skeleton, joint_angles
 
 rngs: tuple[str, ...] = ("dropout", "identity", "permutation")
 reconstruction_term = "huber"
 has_parts = True
-init_arguments = speech_arguments
+init_arguments = generator_arguments
 encode_speech, encode_identity, sample = networks.encode_speech, networks.encode_identity, networks.sample
 
 
@@ -40,19 +50,6 @@ class Terms(NamedTuple):
     kld: jax.Array
     contrastive: jax.Array
     angle: jax.Array
-
-
-def total(weights: Terms, terms: Terms) -> jax.Array:
-    """Return the objective of the generator (Eq. 9, and the angles of D21)."""
-    return (
-        weights.gan * terms.gan
-        + weights.huber * terms.huber
-        + weights.physical * terms.physical
-        + weights.style * terms.style
-        + weights.kld * terms.kld
-        + weights.contrastive * terms.contrastive
-        + weights.angle * terms.angle
-    )
 
 
 class LossSettings(NamedTuple):
@@ -107,7 +104,7 @@ def run(
     can take the batch in `compute.num_parts` parts. Evaluation mode takes the mean of each identity, not a sample.
     `exchange` maps the identities (B, 18) and a shift () to those of another clip for each; see also `Method.run`.
     """
-    speech, identity, seed_pose = speech_arguments(spec, batch)
+    speech, identity, seed_pose = generator_arguments(spec, batch)
     (features, text, (mean, log_variance)), batch_stats = apply(
         spec.generator, variables, keys["dropout"], speech, identity, train=train, compute=compute, method=encode
     )

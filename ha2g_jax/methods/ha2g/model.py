@@ -184,11 +184,11 @@ class HA2G(nn.Module):
         for stage, channels, audio in zip(
             self.stages, self.level_channels, self.blend(features, f_id, noise), strict=True
         ):
-            free = jnp.zeros((batch, num_frames - self.num_seed_frames, len(channels)), seed_pose.dtype)
-            if known:
-                places = jnp.array([channels.index(channel) for channel in known])
-                free = free.at[..., places].set(poses[-1][:, self.num_seed_frames :], unique_indices=True)
-            previous = jnp.concatenate([seed_pose[..., jnp.array(channels)], free], axis=1)
+            later = jnp.zeros((batch, num_frames - self.num_seed_frames, len(channels)), seed_pose.dtype)
+            if known:  # a level has all channels of the one before
+                shared = jnp.array([channels.index(channel) for channel in known])
+                later = later.at[..., shared].set(poses[-1][:, self.num_seed_frames :], unique_indices=True)
+            previous = jnp.concatenate([seed_pose[..., jnp.array(channels)], later], axis=1)
             poses.append(stage(previous, audio, is_seed.astype(seed_pose.dtype), train=train))
             known = channels
         return tuple(poses)

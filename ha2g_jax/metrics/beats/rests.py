@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ha2g_jax.metrics.beats.times import kernel, nearest
-from ha2g_jax.metrics.kinematics import l1_diversity
+from ha2g_jax.metrics.kinematics import STILL, l1_diversity
 from ha2g_jax.metrics.metric import BEAT2, Metric, Statistic
 from ha2g_jax.metrics.row import SEED_FRAMES, mean_by_recording
 from ha2g_jax.skeleton import Skeleton
@@ -30,8 +30,6 @@ JOINTS = {
     ),
     "ted_gesture": ("left_shoulder", "left_elbow", "left_wrist", "right_shoulder", "right_elbow", "right_wrist"),
 }
-
-_STILL = 1e-5  # units a second below which a joint does not move: the rounding of float32 positions
 
 FPS = 30.0
 EDGE = 60  # frames at both ends of a sequence in which beats are not scored
@@ -109,7 +107,7 @@ def beat_align(
     scored = onsets[(onsets >= first_frame / fps) & (onsets < len(positions) / fps)]
     if not len(scored) or len(positions) < first_frame + 2:
         return np.nan
-    moving = np.flatnonzero(speeds > _STILL)
+    moving = np.flatnonzero(speeds > STILL)
     relative = joint_speeds(positions[first_frame:, moving], fps) / speeds[moving]
     scores = []
     for joint in range(len(moving)):

@@ -16,8 +16,6 @@ from ha2g_jax.metrics.beats.times import minima
 from ha2g_jax.metrics.row import SEED_FRAMES
 from ha2g_jax.skeleton import Skeleton
 
-CHANGE_FPS = 15  # frames per second at which `Skeleton.angle_change` was measured
-
 # An angle that changes by less per frame, over pi, is rigid: all of the change is rounding. The least in TED is 1e-3.
 _MIN_CHANGE = 1e-5
 _MIN_NORM = 1e-8
@@ -43,11 +41,7 @@ def mean_angle_change(skeleton: Skeleton, clips: Iterable[np.ndarray]) -> np.nda
 
 
 def angle_change_rates(
-    skeleton: Skeleton,
-    clips: Sequence[np.ndarray] | np.ndarray,
-    change: np.ndarray | None = None,
-    *,
-    fps: float = CHANGE_FPS,
+    skeleton: Skeleton, clips: Sequence[np.ndarray] | np.ndarray, change: np.ndarray | None = None
 ) -> list[np.ndarray]:
     """Compute the angle change rate (Eq. 13), the mean over pairs of |theta_j(t + 1) - theta_j(t)| / MAAC(theta_j).
 
@@ -55,25 +49,17 @@ def angle_change_rates(
 
     Args:
         clips: (T, bones, 3) direction vectors, of any positive length, that may differ in T.
-        change: (pairs,) MAAC over pi, per frame at the fps of the motion. The default is that of the skeleton, which is
-            at 15 fps, times 15 / fps: angles that change as fast per second change that much less per frame.
-        fps: frames per second of the motion; it matters only where `change` is not given.
+        change: (pairs,) MAAC over pi, per frame at the fps of the motion; by default that of the skeleton, at 15 fps.
 
     Returns:
         (T - 1,) float64 of each clip, no unit.
     """
-    weights = _weights(skeleton, change, fps)
+    per_frame = np.asarray(skeleton.angle_change if change is None else change, np.float64)
+    moves = per_frame >= _MIN_CHANGE
+    weights = np.where(moves, 1 / np.where(moves, per_frame, 1), 0) / max(np.count_nonzero(moves), 1)
     values = np.concatenate([np.zeros(0), *(weights @ changes for changes in _changes(skeleton, clips))])
     lengths = [max(len(clip) - 1, 0) for clip in clips]
     return np.split(values, np.cumsum(lengths)[:-1]) if lengths else []
-
-
-def _weights(skeleton: Skeleton, change: np.ndarray | None, fps: float) -> np.ndarray:
-    """Return the (pairs,) weights of the absolute changes in the rate."""
-    scale = CHANGE_FPS / fps if change is None else 1.0
-    per_frame = np.asarray(skeleton.angle_change if change is None else change, np.float64)
-    moves = per_frame >= _MIN_CHANGE
-    return np.where(moves, 1 / np.where(moves, per_frame * scale, 1), 0) / max(np.count_nonzero(moves), 1)
 
 
 def _changes(skeleton: Skeleton, clips: Iterable[np.ndarray]) -> Iterator[np.ndarray]:

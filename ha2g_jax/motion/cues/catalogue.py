@@ -11,7 +11,7 @@ import numpy as np
 
 from ha2g_jax import anatomy
 from ha2g_jax.motion.armature import export_axes
-from ha2g_jax.motion.control.parts import HEAD, SIDES, Part, arm_parts, parts
+from ha2g_jax.motion.control.parts import HEAD, SIDES, Part, arm_parts, bones_of, parts
 from ha2g_jax.skeleton import Skeleton, load_skeleton
 
 _FACING = np.array([1.0, -1.0, -1.0])  # `export_axes` of TED-Expressive
@@ -42,10 +42,7 @@ class Keyframes(NamedTuple):
         cls, skeleton: Skeleton, times: np.ndarray, directions: np.ndarray, weight_times: np.ndarray
     ) -> "Keyframes":
         """Build the gesture that shows a motion (K, bones, 3) with the whole body, and has its weight at five times."""
-        poses = {
-            limb: directions[:, [bone for part in of_limb for bone in part.bones]]
-            for limb, of_limb in limbs(skeleton).items()
-        }
+        poses = {limb: directions[:, bones_of(of_limb)] for limb, of_limb in limbs(skeleton).items()}
         return cls(weight_times, np.array([0.0, 1.0, 1.0, 1.0, 0.0]), times, poses, {})
 
 
@@ -88,8 +85,8 @@ class _Entry(NamedTuple):
     keys: dict[float, _Key]
 
 
-def _head(pitch: float = 0, yaw: float = 0, roll: float = 0) -> _Key:
-    return _Key(None, {"head": (pitch, yaw, roll)})
+def _head(pitch: float = 0, yaw: float = 0) -> _Key:
+    return _Key(None, {"head": (pitch, yaw, 0.0)})
 
 
 def _hold(arms: str, arm: _Arm | None, seconds: float = 0.6, **turns: tuple[float, float, float]) -> _Entry:
@@ -205,7 +202,7 @@ def _arm_poses(skeleton: Skeleton, arms: list[_Arm], side: str) -> np.ndarray:
     still = np.zeros((count, 3))
     body = anatomy.Body(still, still, np.zeros((count, 2)), angles, fingers, np.full((count, 2), 16.0))
     directions = anatomy.body_directions(full, body)
-    bones = [bone for part in limbs(skeleton)[f"{side}_arm"] for bone in part.bones]
+    bones = bones_of(limbs(skeleton)[f"{side}_arm"])
     return directions[:, [full.bone(skeleton.joints[skeleton.bones[bone][1]]) for bone in bones]]
 
 
@@ -221,7 +218,7 @@ def describe_catalogue(skeleton: Skeleton) -> dict[str, Any]:
             return {limb: values(array) for limb, array in field.items()}
         return np.round(field, _DECIMALS).tolist()
 
-    bones = {limb: [bone for part in of_limb for bone in part.bones] for limb, of_limb in limbs(skeleton).items()}
+    bones = {limb: bones_of(of_limb) for limb, of_limb in limbs(skeleton).items()}
     gestures = {name: keyframes(skeleton, name)._asdict() for name in NAMES}
     described = {name: {key: values(field) for key, field in keys.items()} for name, keys in gestures.items()}
     return {"limbs": bones, "cues": described}

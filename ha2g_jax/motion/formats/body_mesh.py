@@ -12,13 +12,11 @@ import numpy as np
 from ha2g_jax.errors import UserError
 from ha2g_jax.figure import DEFAULT_LOOK, Colour, person
 from ha2g_jax.motion import rigs
-from ha2g_jax.motion.armature import Armature
+from ha2g_jax.motion.armature import FOUR_FINGERS, Armature
 from ha2g_jax.motion.formats.surfaces import Surface, ellipsoid, join, loft, tube, with_normals
 from ha2g_jax.motion.rotations import unit
 from ha2g_jax.motion.smoothing import smoothstep
 
-_FOUR = ("index", "middle", "ring", "pinky")
-_AHEAD = np.array([0.0, 0.0, 1.0])
 # Joints that a rig must have for a body, besides neck and head.
 _NEEDED = ("spine", *(f"{side}_{part}" for side in ("left", "right") for part in ("shoulder", "elbow", "wrist")))
 _SHOULDERS = 0.418
@@ -128,10 +126,10 @@ def arm(joints: Joints, side: str) -> tuple[Surface, list[Surface]]:
     )
     bent = smoothstep(at, lengths[2] - 0.05 * size, lengths[2] + 0.07 * size)
     influence = mix(influence, joints.moved_by(f"{side}_elbow"), bent)
-    sleeve = tube(path, radii, influence, _AHEAD, caps=(0.5, 0.0))
+    sleeve = tube(path, radii, influence, _Z, caps=(0.5, 0.0))
     skin = [_wrist(joints, side), _palm(joints, side)]
     if f"{side}_index_1" in joints:
-        skin += [_finger(joints, side, finger) for finger in ("thumb", *_FOUR)]
+        skin += [_finger(joints, side, finger) for finger in ("thumb", *FOUR_FINGERS)]
     return sleeve, skin
 
 
@@ -154,7 +152,7 @@ def _wrist(joints: Joints, side: str) -> Surface:
     radii = joints.scale * np.interp(fraction, [0.82, 1.0], person.WRIST)
     weight = smoothstep(fraction, 0.93, 1.03)
     influence = mix(joints.moved_by(f"{side}_elbow"), joints.moved_by(f"{side}_wrist"), weight)
-    return tube(path, radii, influence, _AHEAD)
+    return tube(path, radii, influence, _Z)
 
 
 def _palm(joints: Joints, side: str) -> Surface:
@@ -164,10 +162,10 @@ def _palm(joints: Joints, side: str) -> Surface:
     if f"{side}_index_1" not in joints:
         along = unit(wrist - joints[f"{side}_elbow"])
         far, radii = size * np.transpose(person.MITTEN)
-        across = unit(_AHEAD - (_AHEAD @ along) * along)
+        across = unit(_Z - (_Z @ along) * along)
         flat = np.stack([0.5 * radii, radii], axis=-1)
         return loft(wrist + far[:, None] * along, np.cross(along, across), across, flat, np.tile(hand, (len(far), 1)))
-    knuckles = np.array([joints[f"{side}_{finger}_1"] for finger in _FOUR])
+    knuckles = np.array([joints[f"{side}_{finger}_1"] for finger in FOUR_FINGERS])
     across = unit(knuckles[0] - knuckles[-1])
     middle = (knuckles[0] + knuckles[-1]) / 2 * 0.5 + knuckles[1:3].mean(axis=0) * 0.5
     across = unit(across - (across @ unit(middle - wrist)) * unit(middle - wrist))
@@ -179,7 +177,7 @@ def _palm(joints: Joints, side: str) -> Surface:
     along = unit(middle - wrist)
     sides = 20
     # Near the knuckles a point moves with the bones of the hand beside it.
-    fingers = np.array([joints.moved_by(f"{side}_{finger}_0", f"{side}_wrist") for finger in _FOUR])
+    fingers = np.array([joints.moved_by(f"{side}_{finger}_0", f"{side}_wrist") for finger in FOUR_FINGERS])
     at = half * np.sin(2 * np.pi * np.arange(sides) / sides)
     near = np.exp(-((at[:, None] - (knuckles - middle) @ across) ** 2) / (0.018 * size) ** 2)
     beside = (near / near.sum(axis=1, keepdims=True)) @ fingers
@@ -209,7 +207,7 @@ def _finger(joints: Joints, side: str, finger: str) -> Surface:
     reach = 0.008 * size
     for row, length in zip(rows[1:], lengths[1:-1]):
         influence = mix(influence, row, smoothstep(at, length - reach, length + reach))
-    return tube(path, radii, influence, _AHEAD, sides=10, caps=(0.5, 1.0))
+    return tube(path, radii, influence, _Z, sides=10, caps=(0.5, 1.0))
 
 
 # sRGB colour and roughness of each material.

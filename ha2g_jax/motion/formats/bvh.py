@@ -56,13 +56,9 @@ def _angles(animation: Animation) -> np.ndarray:
     return np.unwrap(rotations.to_euler(local, _ORDER), period=360, axis=0)
 
 
-def _depth_first(armature: Armature) -> list[int]:
+def _depth_first(armature: Armature, joint: int = 0) -> list[int]:
     """Return the indices of the joints in the order of the hierarchy, which is also that of the channels."""
-
-    def below(joint: int) -> list[int]:
-        return [joint, *(index for child in _children(armature, joint) for index in below(child))]
-
-    return below(0)
+    return [joint, *(index for child in _children(armature, joint) for index in _depth_first(armature, child))]
 
 
 def _children(armature: Armature, joint: int) -> list[int]:

@@ -13,7 +13,7 @@ from PIL import Image, ImageDraw, ImageFont
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Word
 from ha2g_jax.figure import DEFAULT_LOOK, Colour, View, draw_figure, fit, outline
-from ha2g_jax.figure.shapes import shade
+from ha2g_jax.figure.shapes import shade, to_hex
 from ha2g_jax.files.writing import whole_file
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import Skeleton
@@ -218,10 +218,10 @@ def _svg_lines(page: _Page) -> Iterator[str]:
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{page.width}" height="{page.height}" '
         f'viewBox="0 0 {page.width} {page.height}" font-family="Helvetica, Arial, sans-serif">'
     )
-    yield f'<rect width="100%" height="100%" fill="{_hex(_PAPER)}"/>'
+    yield f'<rect width="100%" height="100%" fill="{to_hex(_PAPER)}"/>'
     yield '<radialGradient id="light0" cx="50%" cy="37.5%" r="75%">'  # approximates `shapes.backdrop`
     for offset, light in ((0, 1.05), (0.5, 1.0), (1, 0.85)):
-        yield f'<stop offset="{offset}" stop-color="{_hex(shade(DEFAULT_LOOK.background, light))}"/>'
+        yield f'<stop offset="{offset}" stop-color="{to_hex(shade(DEFAULT_LOOK.background, light))}"/>'
     yield "</radialGradient>"
     scale, spine = page.view.place(page.size, page.size)
     for x, y, positions, skeleton in page.pictures:
@@ -232,14 +232,10 @@ def _svg_lines(page: _Page) -> Iterator[str]:
         for shape in figure.order[0].tolist():
             corners = points[figure.ends[shape] : figure.ends[shape + 1]]
             path = " ".join(f"{x:.1f},{y:.1f}" for x, y in corners.tolist())
-            yield f'<polygon points="{path}" fill="{_hex(figure.colours[shape])}"/>'
+            yield f'<polygon points="{path}" fill="{to_hex(figure.colours[shape])}"/>'
         yield "</svg>"
     for text in page.texts:
         place = f'x="{text.x:.1f}" y="{text.y:.1f}" font-size="{text.size:g}" text-anchor="{text.anchor}"'
-        words = (f'<tspan fill="{_hex(colour)}">{html.escape(word)}</tspan>' for word, colour in text.words)
+        words = (f'<tspan fill="{to_hex(colour)}">{html.escape(word)}</tspan>' for word, colour in text.words)
         yield f"<text {place}>{' '.join(words)}</text>"
     yield "</svg>"
-
-
-def _hex(colour: Colour) -> str:
-    return "#{:02x}{:02x}{:02x}".format(*colour)

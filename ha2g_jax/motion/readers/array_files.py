@@ -147,7 +147,7 @@ def _find_joints(names: tuple[str, ...], skeleton: Skeleton, joint_map: str) -> 
 
 
 def _lacks(path: pathlib.Path, names: tuple[str, ...], skeleton: str, missing: list[str]) -> UserError:
-    found, lacking = _few([_printable(name) for name in names]), _few(missing)
+    found, lacking = _few([shown(name[:40]) for name in names]), _few(missing)
     return UserError(
         f"{shown(path)} lacks {lacking} of the skeleton {skeleton}; it has {found}; "
         "name the joints as the skeleton does, or give a map (--joint-map)"
@@ -156,10 +156,6 @@ def _lacks(path: pathlib.Path, names: tuple[str, ...], skeleton: str, missing: l
 
 def _few(names: list[str]) -> str:
     return ", ".join(names[:_LISTED]) + (", ..." if len(names) > _LISTED else "")
-
-
-def _printable(name: str) -> str:
-    return "".join(letter if letter.isprintable() else "?" for letter in name[:40])
 
 
 def _numbers(values: Any) -> np.ndarray:

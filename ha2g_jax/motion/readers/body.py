@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.limits import MAX_MOTION_FPS, MAX_POSED_JOINTS, MAX_SOUND_SECONDS, MIN_MOTION_FPS
-from ha2g_jax.motion.armature import export_axes, ha2g_armature
+from ha2g_jax.motion.armature import FOUR_FINGERS, LEFT, export_axes, ha2g_armature
 from ha2g_jax.motion.lower_body import JOINTS, PARENTS, LowerBody
 from ha2g_jax.motion.rigs import rest_positions
 from ha2g_jax.motion.rotations import unit
@@ -22,7 +22,6 @@ _UP_VECTORS = {
 # Minimum horizontal fraction of the shoulders' width, in a frame and on average, that determines where a person faces.
 _MIN_LEVEL, _MIN_MEAN_LEVEL = 0.2, 0.1
 _MIN_EVIDENCE = 0.15  # mean of what feet and hands say, each from -1 to 1, from which a verdict is given
-_FINGERS = ("index", "middle", "ring", "pinky")
 
 FACE = ("nose", "head", "right_eye", "left_eye", "right_ear", "left_ear")
 
@@ -31,7 +30,7 @@ _FOOT = np.array([0.0, -0.36, 0.93])
 MIN_BONE = 1e-4
 """Metres between the two joints of a bone of a leg, below which it has no direction."""
 _FOOT_LENGTH = 0.14
-_DOWN, _LEFT = np.array([0.0, -1.0, 0.0]), np.array([1.0, 0.0, 0.0])
+_DOWN = np.array([0.0, -1.0, 0.0])
 
 
 def arm_length(positions: np.ndarray, skeleton: Skeleton, *sides: str) -> float:
@@ -130,9 +129,7 @@ def find_up(positions: np.ndarray, skeleton: Skeleton) -> str:
 def _left(positions: np.ndarray, skeleton: Skeleton, up: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the horizontal part of each frame's unit vector to the person's left, (T, 3), and its length (T,)."""
     shoulders = positions[:, skeleton.joint("left_shoulder")] - positions[:, skeleton.joint("right_shoulder")]
-    shoulders = np.asarray(shoulders, np.float64)
-    vertical = np.array(_UP_VECTORS[up])
-    left = shoulders / np.maximum(np.linalg.norm(shoulders, axis=-1, keepdims=True), 1e-12)
+    vertical, left = np.array(_UP_VECTORS[up]), unit(shoulders)
     left = left - (left @ vertical)[:, None] * vertical
     return left, np.linalg.norm(left, axis=-1)
 
@@ -180,7 +177,7 @@ def _bend(positions: np.ndarray, skeleton: Skeleton, side: str) -> float:
     along = at("middle_1") - at("wrist")
     palm = unit(np.cross(at("index_1") - at("pinky_1"), along) * (1 if side == "right" else -1))
     bends = []
-    for finger in _FINGERS:
+    for finger in FOUR_FINGERS:
         first, second = at(f"{finger}_2") - at(f"{finger}_1"), at(f"{finger}_3") - at(f"{finger}_2")
         # The second bone is bent against the first, which flat hands do not show.
         bends.append(np.sum((unit(second) - unit(first)) * palm, axis=-1))
@@ -252,23 +249,23 @@ def from_captured(positions: np.ndarray, rotations: np.ndarray, spine: np.ndarra
     hips = positions[:, names["left_hip"]] - positions[:, names["right_hip"]]
     found: dict[str, Rotation] = {}
     up = np.tile(-_DOWN, (len(hips), 1))
-    found["pelvis"] = own[0] * _constant(own[0], hips, _LEFT, up, -_DOWN)
+    found["pelvis"] = own[0] * _constant(own[0], hips, LEFT, up, -_DOWN)
     offsets = np.zeros((len(JOINTS) + 1, 3))
     offsets[-1] = _mean_offset(found["pelvis"], spine - positions[:, 0])
     for side in ("left", "right"):
         hip, knee, ankle, foot = (names[f"{side}_{part}"] for part in ("hip", "knee", "ankle", "foot"))
         offsets[hip] = _mean_offset(found["pelvis"], positions[:, hip] - positions[:, 0])
-        lateral = found["pelvis"].apply(_LEFT)
+        lateral = found["pelvis"].apply(LEFT)
         for joint, end in ((hip, knee), (knee, ankle)):
             bone = positions[:, end] - positions[:, joint]
-            found[JOINTS[joint]] = own[joint] * _constant(own[joint], bone, _DOWN, lateral, _LEFT)
-            lateral = found[JOINTS[joint]].apply(_LEFT)
+            found[JOINTS[joint]] = own[joint] * _constant(own[joint], bone, _DOWN, lateral, LEFT)
+            lateral = found[JOINTS[joint]].apply(LEFT)
             offsets[end] = _DOWN * np.linalg.norm(bone, axis=-1).mean()
         shin, ankle_name, foot_name = found[f"{side}_knee"], JOINTS[ankle], JOINTS[foot]
         bone = positions[:, foot] - positions[:, ankle]
         length = np.linalg.norm(bone, axis=-1).mean()
         if length > MIN_BONE:  # which NaN is not
-            found[ankle_name] = own[ankle] * _constant(own[ankle], bone, _FOOT, lateral, _LEFT)
+            found[ankle_name] = own[ankle] * _constant(own[ankle], bone, _FOOT, lateral, LEFT)
             found[foot_name] = _like(own[foot], found[ankle_name])
         else:
             length = _FOOT_LENGTH

@@ -12,7 +12,7 @@ from ha2g_jax import limits
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import naming, reading, reason, shown
 from ha2g_jax.motion import lower_body, rigs, rotations
-from ha2g_jax.motion.armature import Armature, generations, ha2g_armature, with_legs
+from ha2g_jax.motion.armature import Animation, Armature, ha2g_armature, with_legs, world
 from ha2g_jax.motion.motion import check_length
 from ha2g_jax.motion.readers.bvh import USUAL_RATES, Bvh
 from ha2g_jax.skeleton import SKELETONS, load_skeleton
@@ -129,9 +129,8 @@ def read_csv(path: pathlib.Path, fps: float | None = None) -> Bvh:
         if fps is None and not (len(times) > 1 and (np.diff(times) > 0).all()):
             raise UserError("its times do not tell the frames per second; state them (--source-fps)")
         local = as_rotations(values[:, 3 * len(joints) :].reshape(-1, len(joints), 4))
-        turned, parents = local.copy(), np.maximum(armature.parents, 0)
-        for own, above in generations(armature.parents)[1:]:
-            turned[:, own] = rotations.multiply(turned[:, above], turned[:, own])
+        parents = np.maximum(armature.parents, 0)
+        turned, _ = world(Animation(armature, local, places[:, 0], 1.0, {}))
         bones = rotations.rotate(rotations.conjugate(turned[:, parents]), places - places[:, parents])
         armature = Armature(armature.name, joints, armature.parents, bones.mean(axis=0), armature.rest)
         return to_bvh(armature, local, {0: places[:, 0]}, fps or frame_rate(times))

@@ -17,14 +17,7 @@ _TIP = 0.02  # metres; length of the bone of the last joint of a chain
 
 
 def make_armature(motion: Motion) -> bpy.types.Object:
-    """Add an armature in the rest pose of a motion, with one bone for each joint, and its body if it has one.
-
-    Args:
-        motion: motion with the joints.
-
-    Returns:
-        The armature object.
-    """
+    """Add an armature in the rest pose of a motion, with one bone for each joint, and its body if it has one."""
     data = bpy.data.armatures.new(motion.name)
     armature = bpy.data.objects.new(motion.name, data)
     bpy.context.collection.objects.link(armature)
@@ -43,13 +36,9 @@ def make_armature(motion: Motion) -> bpy.types.Object:
     return armature
 
 
-def pose_of(motion: Motion) -> dict[int, np.ndarray]:
-    """Return the rotations (T, 4) of the bones of `make_armature` in its axes, by the index of the joint."""
-    back = rotations.conjugate(TO_BLENDER)
-    return {
-        joint: rotations.multiply(rotations.multiply(TO_BLENDER, motion.rotations[:, joint]), back)
-        for joint in range(len(motion.joints))
-    }
+def pose_of(motion: Motion) -> np.ndarray:
+    """Return the rotations (T, J, 4) of the bones of `make_armature` in its axes."""
+    return rotations.multiply(rotations.multiply(TO_BLENDER, motion.rotations), rotations.conjugate(TO_BLENDER))
 
 
 def root_location(motion: Motion, target: Target) -> np.ndarray:

@@ -31,9 +31,6 @@ def tables() -> dict[str, Names]:
 def read_names(path: str | pathlib.Path) -> Names:
     """Read a table of the user, a JSON object {"BONE": "JOINT"} or {"BONE": ["JOINT", WEIGHT]}.
 
-    Args:
-        path: JSON file to read.
-
     Returns:
         Joint and weight by bone.
 
@@ -93,11 +90,7 @@ def match(
 
 
 def roles(motion: Motion) -> dict[str, str]:
-    """Return for each joint of a motion the joint of the `ha2g` armature whose rotation it has, or its own name.
-
-    Args:
-        motion: motion with the joints.
-    """
+    """Return for each joint of a motion the joint of the `ha2g` armature whose rotation it has, or its own name."""
     rig: Names = {}
     if "left_clavicle" not in motion.joints:  # as the rig ha2g has
         rig = max((_rows(table, motion.joints) for table in tables().values()), key=len)

@@ -19,12 +19,6 @@ _AXES = {"X": np.array([1.0, 0.0, 0.0]), "Y": np.array([0.0, 1.0, 0.0]), "Z": np
 def read(path: pathlib.Path) -> Motion:
     """Read a `.bvh` file in centimetres with the axes of `ha2g export`: y up, facing +z.
 
-    Args:
-        path: file to read.
-
-    Returns:
-        The motion.
-
     Raises:
         ValueError: the file is not a valid BVH.
     """

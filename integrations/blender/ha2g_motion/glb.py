@@ -46,12 +46,6 @@ class _File:
 def read(path: pathlib.Path) -> Motion:
     """Read the joints, the animation and, if there is one, the skinned mesh of a `.glb` or `.vrma`.
 
-    Args:
-        path: file to read.
-
-    Returns:
-        The motion.
-
     Raises:
         ValueError and others: the file has no animation, or not one of `ha2g export`.
     """
@@ -94,9 +88,6 @@ def read(path: pathlib.Path) -> Motion:
 
 def humanoid(path: pathlib.Path) -> dict[str, str]:
     """Read the names in the VRM standard of the nodes of a `.glb` or `.vrm`, by their own names.
-
-    Args:
-        path: file to read.
 
     Returns:
         The names of VRM 1.0 or 0.x; nothing for a file without them.

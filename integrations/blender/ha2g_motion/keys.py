@@ -18,15 +18,11 @@ def make_figure(motion: Motion, *, start: float = 0, rate: float | None = None) 
         motion: motion of the armature.
         start: frame of the first pose.
         rate: frames per second of the scene; None for those of the motion.
-
-    Returns:
-        The armature object.
     """
     armature = armatures.make_armature(motion)
     target = armatures.target_of(armature)
-    wanted = {
-        target.bones.index(motion.joints[joint]): rotation for joint, rotation in armatures.pose_of(motion).items()
-    }
+    turned = armatures.pose_of(motion)
+    wanted = {target.bones.index(name): turned[:, joint] for joint, name in enumerate(motion.joints)}
     local = fitting.local(target, wanted, motion.num_frames)
     curves = _Curves(armature, motion, start, rate)
     _write_rotations(armature, local, curves)

@@ -90,9 +90,6 @@ def from_local(
         fps: frames per second.
         body: skinned mesh, or None.
 
-    Returns:
-        The motion.
-
     Raises:
         ValueError: there are no or too many frames or joints, the frame rate is out of range, the arrays do not fit
             together, or a value is not a number.

@@ -28,9 +28,6 @@ def read_motion(path: str | pathlib.Path) -> Motion:
         path: `.glb`, `.vrma`, `.bvh` or `.json` of `ha2g export`, or, where the ha2g command is found, the `.npz` of
             `ha2g generate`.
 
-    Returns:
-        The motion.
-
     Raises:
         MotionError: the file is missing, or does not hold such a motion.
     """
@@ -51,12 +48,6 @@ def read_motion(path: str | pathlib.Path) -> Motion:
 
 def read_json(path: pathlib.Path) -> Motion:
     """Read the table of `ha2g export -o x.json`; its fields are described in docs/export.md.
-
-    Args:
-        path: file to read.
-
-    Returns:
-        The motion.
 
     Raises:
         ValueError and others: the file does not hold such a table.

@@ -20,9 +20,6 @@ CHARACTERS = (".blend", ".fbx", ".glb", ".gltf", ".vrm")
 def open_file(path: pathlib.Path) -> dict[str, str]:
     """Open a `.blend`, or import a `.fbx`, `.glb`, `.gltf` or `.vrm` into an empty scene.
 
-    Args:
-        path: file to open.
-
     Returns:
         The name in the VRM standard of each bone, of a `.glb` or `.vrm` that states it.
 
@@ -55,9 +52,6 @@ def clear() -> None:
 
 def find_armature(name: str | None = None) -> bpy.types.Object:
     """Return the armature of a name, or the only one.
-
-    Args:
-        name: name of the armature object.
 
     Raises:
         MotionError: there is no such armature, or there are several and no name.
@@ -94,9 +88,6 @@ def set_time(scene: bpy.types.Scene, motion: Motion, *, start: int = 0, keep_rat
 
 def check_sound(path: pathlib.Path) -> None:
     """Check that there is a file of sound.
-
-    Args:
-        path: audio file.
 
     Raises:
         MotionError: there is no such file.

@@ -6,6 +6,7 @@
  * is a running level, which each window takes as it is at its time.
  */
 
+import { joined } from "../arrays.js";
 import { toFloat16 } from "../rounding.js";
 import { decibels, HOP_LENGTH, melPower, NUM_MELS, SAMPLE_RATE, SOUND_DB, TYPICAL_POWER } from "./mel.js";
 
@@ -47,9 +48,7 @@ export class RunningMel {
 
   /** Adds samples at 16 kHz to the end, and computes the columns that they complete. */
   add(samples: Float32Array): void {
-    const known = new Float32Array(this.samples.length + samples.length);
-    known.set(this.samples);
-    known.set(samples, this.samples.length);
+    const known = joined([this.samples, samples]);
     while (HOP_LENGTH * (this.numColumns + 1) <= this.first + known.length) {
       this.addColumn(known, HOP_LENGTH * (this.numColumns - 1) - this.first);
     }

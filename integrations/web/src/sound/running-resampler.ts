@@ -1,5 +1,7 @@
 /** Resampling to 16 kHz of sound that arrives in pieces. */
 
+import { joined } from "../arrays.js";
+
 const NEW_RATE = 16000;
 const ZEROS = 16; // zero crossings of the filter on each side
 const STEPS = 512; // values of the filter between two zero crossings
@@ -28,9 +30,7 @@ export class RunningResampler {
 
   /** Takes the next samples, and returns those at 16 kHz whose surroundings are known. */
   push(samples: Float32Array): Float32Array {
-    const all = new Float32Array(this.kept.length + samples.length);
-    all.set(this.kept);
-    all.set(samples, this.kept.length);
+    const all = joined([this.kept, samples]);
     const reach = ZEROS / this.cutoff;
     const made: number[] = [];
     for (; this.count * this.step + reach < this.first + all.length; this.count++) {

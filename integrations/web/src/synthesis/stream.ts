@@ -243,10 +243,8 @@ export class Stream {
     }
     const rested = withRest(window, rest, weights);
     if (first) {
-      const latest = new Float32Array(this.past.length + this.hop * size);
-      latest.set(this.past);
-      latest.set(rested.subarray(first * size, (first + this.hop) * size), this.past.length);
-      this.past = latest.slice(-first * size);
+      const latest = rested.subarray(first * size, (first + this.hop) * size);
+      this.past = joined([this.past, latest]).slice(-first * size);
     } else {
       this.past = rested.slice(this.hop * size);
     }
