@@ -16,6 +16,7 @@
 PYTHON ?= python3
 VENV ?= .venv
 PYTEST_WORKERS ?= 3
+INSTALL = -m pip install --quiet --no-compile
 FUZZ_SECONDS ?= 3600
 
 .PHONY: demo test test-all fuzz test-torch test-blender test-web web pose lint docs release notebooks clean
@@ -37,7 +38,7 @@ fuzz: $(VENV)/test
 
 # With AVX-512, the oneDNN of PyTorch 2.13 writes past its memory in a training step on some AMD processors.
 test-torch: $(VENV)-torch/torch
-	ONEDNN_MAX_CPU_ISA=AVX2 $(VENV)-torch/bin/python -m pytest -m torch
+	ONEDNN_MAX_CPU_ISA=AVX2 $(VENV)-torch/bin/python -m pytest -m torch $$(grep -rl 'mark\.torch' tests --include='test_*.py')
 
 test-blender: $(VENV)/test $(VENV)-blender/bpy
 	HA2G_BLENDER_PYTHON=$(abspath $(VENV))-blender/bin/python $(VENV)/bin/python -m pytest tests/test_blender.py tests/motion/formats tests/motion/readers
@@ -62,7 +63,7 @@ docs: $(VENV)/docs
 	NO_MKDOCS_2_WARNING=1 $(VENV)/bin/mkdocs build --strict
 
 release: $(VENV)/bin/python integrations/web/node_modules
-	$(VENV)/bin/python -m pip install --quiet build
+	$(VENV)/bin/python $(INSTALL) build
 	$(VENV)/bin/python -m build --outdir dist
 	npm run --silent build --prefix integrations/web
 	cd integrations/web && npm pack --silent --pack-destination ../../dist
@@ -74,42 +75,27 @@ notebooks: $(VENV)/notebook
 # One stamp file for each extra: it is installed once, and again when pyproject.toml changes.
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
-	$(VENV)/bin/python -m pip install --quiet --upgrade pip
+	$(VENV)/bin/python $(INSTALL) --upgrade pip
 
 $(VENV)/demo: $(VENV)/bin/python pyproject.toml
-	$(VENV)/bin/python -m pip install --quiet --editable .
+	$(VENV)/bin/python $(INSTALL) --editable .
 	touch $@
 
-$(VENV)/test: $(VENV)/bin/python pyproject.toml
-	$(VENV)/bin/python -m pip install --quiet --editable '.[test]'
+$(VENV)/test $(VENV)/onnx $(VENV)/notebook $(VENV)/docs $(VENV)/lint: $(VENV)/bin/python pyproject.toml
+	$(VENV)/bin/python $(INSTALL) --editable '.[$(@F)]'
 	touch $@
 
-$(VENV)/onnx: $(VENV)/bin/python pyproject.toml
-	$(VENV)/bin/python -m pip install --quiet --editable '.[onnx]'
-	touch $@
-
-$(VENV)/notebook: $(VENV)/bin/python pyproject.toml
-	$(VENV)/bin/python -m pip install --quiet --editable '.[notebook]'
-	touch $@
-
-$(VENV)/docs: $(VENV)/bin/python pyproject.toml
-	$(VENV)/bin/python -m pip install --quiet --editable '.[docs]'
-	touch $@
-
-$(VENV)/lint: $(VENV)/bin/python pyproject.toml
-	$(VENV)/bin/python -m pip install --quiet --editable '.[lint]'
-	touch $@
-
-$(VENV)-torch/torch: pyproject.toml
+# It has PyTorch beside what the tests need, which is read from $(VENV).
+$(VENV)-torch/torch: $(VENV)/test
 	$(PYTHON) -m venv $(VENV)-torch
-	$(VENV)-torch/bin/python -m pip install --quiet --upgrade pip
-	$(VENV)-torch/bin/python -m pip install --quiet --editable '.[test,torch]'
-	$(VENV)-torch/bin/python -m pip install --quiet --no-deps smplx  # for non-commercial research; tests alone compare with it
+	cd $(VENV)-torch/lib/python*/site-packages && ls -d $(abspath $(VENV))/lib/python*/site-packages > test.pth
+	$(VENV)-torch/bin/python $(INSTALL) --editable '.[torch]'
+	$(VENV)-torch/bin/python $(INSTALL) --no-deps smplx  # for non-commercial research; tests alone compare with it
 	touch $@
 
 $(VENV)-blender/bpy:
 	$(PYTHON) -m venv $(VENV)-blender
-	$(VENV)-blender/bin/python -m pip install --quiet bpy numpy
+	$(VENV)-blender/bin/python $(INSTALL) bpy numpy
 	touch $@
 
 integrations/web/node_modules: integrations/web/package-lock.json

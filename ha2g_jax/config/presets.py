@@ -374,7 +374,7 @@ def factorial(size: str) -> dict[str, Changes]:
     return rows
 
 
-# Table 1 at equal size and with equal inputs, see docs/results/factorial.md: the baselines hear the spectrogram and see
+# Table 1 at equal size and with equal inputs, see docs/results/README.md: the baselines hear the spectrogram and see
 # the images of the speaker by the encoders of HA2G, and none reads words.
 _SEES = {"model.identity.kind": "images", "model.identity.feature_dim": 18}
 _HEARS = {"model.audio.kind": "resnet_se", "model.text.kind": "none"}
