@@ -1,6 +1,7 @@
-"""The exception that a mistake of the user raises, and that of a package that is not installed."""
+"""The exception that a mistake of the user raises: in an argument, or by a package that is not installed."""
 
 import importlib
+import math
 from typing import Any
 
 
@@ -10,6 +11,21 @@ class UserError(Exception):
     The message is one line: what was found, what was expected, what to do. The command line prints it without a
     traceback and exits with code 2.
     """
+
+
+def check_number(value: Any, least: float, most: float, message: str) -> float:
+    """Return a number as a plain one, whether it is one of Python, NumPy or JAX.
+
+    Raises:
+        UserError: with the message, where the value is not a finite number from `least` to `most`.
+    """
+    try:
+        number = math.nan if isinstance(value, bool | str | bytes) else float(value)
+    except (TypeError, ValueError, OverflowError):
+        number = math.nan
+    if not (math.isfinite(number) and least <= number <= most):
+        raise UserError(message)
+    return number
 
 
 def require(module: str, extra: str, *, by: str = "this", package: str = "", library: str = "") -> Any:

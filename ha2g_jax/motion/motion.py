@@ -208,7 +208,7 @@ class Motion:
 
 
 def _plain(value: Any) -> Any:
-    if isinstance(value, np.generic | np.ndarray):
+    if hasattr(value, "tolist"):  # an array or a number, of NumPy or JAX
         return value.tolist()
     raise TypeError(f"{type(value).__name__} is no value of JSON")
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from ha2g_jax.errors import UserError
+from ha2g_jax.errors import check_number
 
 MAX_SMOOTHING = 2.0  # seconds
 _MIN_LENGTH = 1e-6  # a mean of directions shorter than this has no direction
@@ -28,7 +28,7 @@ def smooth(directions: np.ndarray, fps: float, seconds: float) -> np.ndarray:
     Raises:
         UserError: the width is not a number from 0 to 2.
     """
-    check_width(seconds)
+    seconds = check_width(seconds)
     reach = math.ceil(seconds * fps / 2) - 1  # frames on either side whose weight is not 0
     if reach < 1 or len(directions) < 3:
         return directions
@@ -54,10 +54,10 @@ def smoothstep(values: npt.ArrayLike, start: float, end: float) -> np.ndarray:
     return fraction * fraction * (3 - 2 * fraction)
 
 
-def check_width(seconds: float) -> None:
-    """Raise a UserError if the width in seconds of the window of `smooth` is not a number from 0 to 2."""
-    if not (math.isfinite(seconds) and 0 <= seconds <= MAX_SMOOTHING):
-        raise UserError(f"the smoothing window is {seconds} s; expected 0 to {MAX_SMOOTHING:g}")
+def check_width(seconds: float) -> float:
+    """Return the width in seconds of the window of `smooth`; raise a UserError if it is not a number from 0 to 2."""
+    message = f"the smoothing window is {seconds} s; expected 0 to {MAX_SMOOTHING:g}"
+    return check_number(seconds, 0, MAX_SMOOTHING, message)
 
 
 def slow_mean(poses: np.ndarray, fps: float, seconds: float) -> np.ndarray:

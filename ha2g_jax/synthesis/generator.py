@@ -2,7 +2,6 @@
 
 import abc
 import importlib.metadata
-import math
 import pathlib
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypedDict, TypeVar
@@ -11,7 +10,7 @@ import numpy as np
 
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.checkpoint.onnx.reading import Description
-from ha2g_jax.errors import UserError
+from ha2g_jax.errors import UserError, check_number
 from ha2g_jax.features.audio import SAMPLE_RATE, check_samples, convert_samples, read_audio
 from ha2g_jax.features.text import Word
 from ha2g_jax.files.reading import shown
@@ -23,7 +22,7 @@ from ha2g_jax.motion.resample import num_frames, resample, sample, slerp
 from ha2g_jax.motion.smoothing import check_width, smooth
 from ha2g_jax.motion.windows import ease_start, join_windows
 from ha2g_jax.skeleton import Skeleton, mirror_directions
-from ha2g_jax.synthesis.style import RANDOM, Style
+from ha2g_jax.synthesis.style import RANDOM, Style, check_seed
 
 if TYPE_CHECKING:
     from ha2g_jax.methods.method import Spec
@@ -136,7 +135,7 @@ class Options(TypedDict, total=False):
     fps: float | None
     smoothing: float
     controls: control.Controls
-    cues: Sequence[gestures.Cue]
+    cues: Sequence[gestures.Cue | str]
 
 
 class Generator(abc.ABC, Generic[S]):
@@ -205,7 +204,7 @@ class Generator(abc.ABC, Generic[S]):
         fps: float | None = None,
         smoothing: float = 0.0,
         controls: control.Controls = control.NEUTRAL,
-        cues: Sequence[gestures.Cue] = (),
+        cues: Sequence[gestures.Cue | str] = (),
         words: Sequence[Word] = (),
     ) -> Motion:
         """Generate gestures for speech; the same arguments give the same motion.
@@ -230,17 +229,20 @@ class Generator(abc.ABC, Generic[S]):
             Motion of exactly round(duration x fps) frames, at least 1.
 
         Raises:
-            UserError: the speech, the style, a seed, the seed pose, the frame rate, a control or a cue cannot be
-                used.
+            UserError: the speech, the style, a seed, the seed pose, the frame rate, the smoothing, a control, a cue
+                or a word cannot be used.
         """
+        seed = check_seed(seed)
         f_id, described = self.choose_style(style, seed)
         fps = self.fps if fps is None else _check_fps(fps)
         audio = read_speech(speech)
         skeleton, overlap = self.assets.skeleton, self.spec.num_seed_frames
         control.check(controls, skeleton, audio.duration)
+        if not (isinstance(words, Sequence) and all(isinstance(word, Word) for word in words)):
+            raise UserError("the words are not a sequence of Word; give words such as Word('hello', 0.2, 0.6)")
         placed = gestures.place(cues, words, audio.duration)
         made = [(gestures.keyframes_of(cue, skeleton, fps), cue.time) for cue in placed]
-        check_width(smoothing)
+        smoothing = check_width(smoothing)
         given = start = start_name = None
         if seed_pose is not None:
             given, start_name = read_seed_pose(seed_pose, skeleton, self.fps, overlap)
@@ -279,7 +281,7 @@ class Generator(abc.ABC, Generic[S]):
         fps: float | None = None,
         smoothing: float = 0.0,
         controls: control.Controls = control.NEUTRAL,
-        cues: Sequence[gestures.Cue] = (),
+        cues: Sequence[gestures.Cue | str] = (),
     ) -> None:
         """Check the arguments of `generate` before there is speech.
 
@@ -322,6 +324,4 @@ def join(
 
 
 def _check_fps(fps: float) -> float:
-    if not (math.isfinite(fps) and MIN_FPS <= fps <= MAX_FPS):
-        raise UserError(f"{fps} frames per second; expected {MIN_FPS} to {MAX_FPS}")
-    return fps
+    return check_number(fps, MIN_FPS, MAX_FPS, f"{fps} frames per second; expected {MIN_FPS} to {MAX_FPS}")

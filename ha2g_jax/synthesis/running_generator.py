@@ -9,7 +9,7 @@ from ha2g_jax.methods.method import Spec, Variables
 from ha2g_jax.motion.control.effects import Ramp
 from ha2g_jax.motion.rotations import unit
 from ha2g_jax.synthesis.scan import generate_window, noise_of
-from ha2g_jax.synthesis.style import Style, check_seed, choose_style
+from ha2g_jax.synthesis.style import Style, choose_style
 
 _REST_WINDOWS = 3  # of silence until a model is at rest
 
@@ -31,11 +31,10 @@ class RunningGenerator:
         rest: (bones, 3) pose at rest in the present window.
 
     Raises:
-        UserError: the style or the seed cannot be used, see `choose_style`, or the values of the model are not finite.
+        UserError: the style cannot be used, see `choose_style`, or the values of the model are not finite.
     """
 
     def __init__(self, spec: Spec, variables: Variables, assets: Assets, style: Style, seed: int, hop: int):
-        check_seed(seed)
         self._spec, self._variables, self._assets, self._seed, self._hop = spec, variables, assets, seed, hop
         self.start_pose = assets.seed_poses[assets.choose_seed_pose(seed)]
         self.style = style  # the program is compiled here

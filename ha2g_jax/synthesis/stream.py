@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ha2g_jax.checkpoint.assets import Assets
-from ha2g_jax.errors import UserError
+from ha2g_jax.errors import UserError, check_number
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.phrases import Phrases
 from ha2g_jax.features.spectrum import (
@@ -41,7 +41,7 @@ from ha2g_jax.motion.states import ATTENTION, RunningStates, nod_depths
 from ha2g_jax.motion.windows import DEFAULT_HOP, DEFAULT_LOOK_AHEAD, RunningJoin
 from ha2g_jax.skeleton import Skeleton
 from ha2g_jax.synthesis.running_generator import RunningGenerator
-from ha2g_jax.synthesis.style import RANDOM, Style
+from ha2g_jax.synthesis.style import RANDOM, Style, check_seed
 
 _MAX_SKIP_SECONDS = 3600.0
 _PAUSE_SECONDS = 0.3  # after the last sound, and before the hands begin to rest
@@ -115,7 +115,7 @@ class Stream:
         has_hidden_ends: bool = False,
     ):
         _check(spec, look_ahead, hop, reference)
-        look_ahead, hop = int(look_ahead), int(hop)
+        look_ahead, hop, seed = int(look_ahead), int(hop), check_seed(seed)
         prepare()
         self.spec, self.look_ahead, self.hop, self.muted = spec, look_ahead, hop, False
         self._seed, self.controls = seed, controls
@@ -268,9 +268,8 @@ class Stream:
         Raises:
             UserError: see `feed`; or the gap is not between 0 and an hour.
         """
-        if not 0 <= seconds <= _MAX_SKIP_SECONDS:
-            raise UserError(f"a gap of {seconds} s; expected 0 to {_MAX_SKIP_SECONDS:g}, or begin another stream")
-        count = round(seconds * SAMPLE_RATE)
+        message = f"a gap of {seconds} s; expected 0 to {_MAX_SKIP_SECONDS:g}, or begin another stream"
+        count = round(check_number(seconds, 0, _MAX_SKIP_SECONDS, message) * SAMPLE_RATE)
         lengths = [SAMPLE_RATE] * (count // SAMPLE_RATE) + [count % SAMPLE_RATE]
         return np.concatenate([self.feed(np.zeros(length, np.float32)) for length in lengths])
 
@@ -297,7 +296,8 @@ class Stream:
         self._check_open()
         first = self._num_returned if frame is None else frame
         oldest = self._num_returned - (len(self._recent) - self._join.first)
-        if not (isinstance(first, numbers.Integral) and oldest <= int(first) <= self._num_returned):
+        is_whole = isinstance(first, numbers.Integral) and not isinstance(first, bool)
+        if not (is_whole and oldest <= int(first) <= self._num_returned):
             raise UserError(f"frame {first} is not remembered; clear one of {oldest} to {self._num_returned}")
         course = np.stack([each.pose for each in (*self._recent, *self._held, *self._expected)])
         start = len(self._recent) - (self._num_returned - first)  # of frame `first` in it
@@ -467,5 +467,5 @@ def _check(spec: Spec, look_ahead: Any, hop: Any, reference: float | None) -> No
     longest = window - 2 * overlap
     if not (isinstance(hop, numbers.Integral) and 1 <= int(hop) <= longest):
         raise UserError(f"the hop is {hop}; expected 1 to {longest} frames")
-    if reference is not None and not 0 <= reference < np.inf:
-        raise UserError(f"the mel power of 0 dB is {reference}; expected a number of at least 0")
+    if reference is not None:
+        check_number(reference, 0, math.inf, f"the mel power of 0 dB is {reference}; expected a number of at least 0")

@@ -1,7 +1,7 @@
 """Styles to generate motion in: that of a speaker, of a mixture of speakers, of images, or a random one."""
 
 import math
-import numbers
+import operator
 import pathlib
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -10,7 +10,7 @@ import numpy as np
 
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.checkpoint.onnx.reading import Description
-from ha2g_jax.errors import UserError
+from ha2g_jax.errors import UserError, check_number
 from ha2g_jax.files.reading import shown
 from ha2g_jax.limits import MAX_SEED
 
@@ -60,13 +60,17 @@ RANDOM = Style()
 
 def check_seed(seed: int) -> int:
     """Return a seed as a plain number; raise a `UserError` unless it is a whole number from 0 to `MAX_SEED`."""
-    if not isinstance(seed, numbers.Integral):
+    try:
+        number = None if isinstance(seed, bool) else operator.index(seed)
+    except TypeError:
+        number = None
+    if number is None:
         raise UserError(f"the seed is {seed!r}; give a whole number")
-    if seed < 0:
+    if number < 0:
         raise UserError(f"seed {seed} is negative; give 0 or more")
-    if seed > MAX_SEED:
+    if number > MAX_SEED:
         raise UserError(f"a seed is above {MAX_SEED}; give a smaller one")
-    return int(seed)
+    return number
 
 
 def later_seed(seed: int, count: int) -> int:
@@ -109,32 +113,30 @@ def choose_style(
             "the style has more than one source; give only a speaker, a mixture, reference images, values or a style "
             "seed"
         )
-    check_seed(seed)
-    if style.seed is not None:
-        check_seed(style.seed)
-    if not 0 <= style.variation <= _MOST_VARIATION:
-        raise UserError(f"the variation of the style is {style.variation:g}; expected 0 to {_MOST_VARIATION:g}")
+    seed = check_seed(seed)
+    style_seed = seed if style.seed is None else check_seed(style.seed)
+    message = f"the variation of the style is {style.variation}; expected 0 to {_MOST_VARIATION:g}"
+    variation = check_number(style.variation, 0, _MOST_VARIATION, message)
     if style.speaker is not None:
         exact, described = _speaker(assets, style.speaker), {"kind": "speaker", "speaker": style.speaker}
-        return _varied(exact, style.variation, seed), described | {"variation": style.variation}
+        return _varied(exact, variation, seed), described | {"variation": variation}
     if style.mixture is not None:
         weights = _normalized(style.mixture)
         exact = sum(weight * _speaker(assets, name).astype(np.float64) for name, weight in weights.items())
-        described = {"kind": "mixture", "speakers": weights, "variation": style.variation}
-        return _varied(np.asarray(exact, np.float32), style.variation, seed), described
+        described = {"kind": "mixture", "speakers": weights, "variation": variation}
+        return _varied(np.asarray(exact, np.float32), variation, seed), described
     if style.images is not None:
         images = [style.images] if isinstance(style.images, str | pathlib.Path) else style.images
         exact = _encode_images(spec, variables, assets, images)
         names = [shown(pathlib.Path(path).name) for path in images]
-        described = {"kind": "images", "images": names, "variation": style.variation}
-        return _varied(exact, style.variation, seed), described
+        described = {"kind": "images", "images": names, "variation": variation}
+        return _varied(exact, variation, seed), described
     if style.values is not None:
         return _checked(style.values, spec.style_dim), {"kind": "values"}
     if not spec.style_dim:
         if style.seed is not None:
             raise UserError(f"this model, {spec.method}, has no styles; leave out the style seed")
         return np.zeros(0, np.float32), {"kind": "none"}
-    style_seed = seed if style.seed is None else style.seed
     return _random(assets, spec.style_dim, style_seed), {"kind": "random", "seed": style_seed}
 
 
@@ -173,11 +175,15 @@ def read_mixture(text: str) -> dict[str, float]:
 
 
 def _normalized(weights: Mapping[str, float]) -> dict[str, float]:
-    total = sum(weights.values())
-    if not (math.isfinite(total) and total > 0 and min(weights.values()) >= 0):
-        found = ", ".join(f"{name} {weight:g}" for name, weight in weights.items()) or "none"
-        raise UserError(f"the weights of the style are {found}; expected numbers of at least 0, not all of them 0")
-    return {name: weight / total for name, weight in weights.items()}
+    if not isinstance(weights, Mapping):
+        raise UserError(f"the mixture is {weights!r}; give the weights of speakers, such as {{'ada': 0.3, 'ben': 0.7}}")
+    found = ", ".join(f"{name} {weight}" for name, weight in weights.items()) or "none"
+    message = f"the weights of the style are {found}; expected numbers of at least 0, not all of them 0"
+    checked = {name: check_number(weight, 0, math.inf, message) for name, weight in weights.items()}
+    total = sum(checked.values())
+    if not 0 < total < math.inf:
+        raise UserError(message)
+    return {name: weight / total for name, weight in checked.items()}
 
 
 def _varied(f_id: np.ndarray, variation: float, seed: int) -> np.ndarray:
@@ -187,17 +193,20 @@ def _varied(f_id: np.ndarray, variation: float, seed: int) -> np.ndarray:
 
 
 def _checked(values: np.ndarray, style_dim: int) -> np.ndarray:
-    f_id = np.asarray(values, np.float32)
+    try:
+        f_id = np.asarray(values, np.float32)
+    except (TypeError, ValueError) as error:
+        raise UserError(f"the values of the style are no numbers; expected {style_dim} finite numbers") from error
     if f_id.shape != (style_dim,) or not np.isfinite(f_id).all():
         raise UserError(f"the style has values of shape {f_id.shape}; expected {style_dim} finite numbers")
     return f_id
 
 
 def _speaker(assets: Assets, name: str) -> np.ndarray:
-    if name not in assets.speakers:
+    if not isinstance(name, str) or name not in assets.speakers:
         known = _names(assets)
         expected = f"expected one of: {known}" if known else "the model has no speakers"
-        raise UserError(f"no speaker '{shown(name)}' in the model; {expected}")
+        raise UserError(f"no speaker '{shown(str(name))}' in the model; {expected}")
     return np.asarray(assets.speakers[name], np.float32)
 
 

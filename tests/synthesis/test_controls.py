@@ -1,6 +1,7 @@
 """What a user asks of generated motion: a mixed style, poses to start from, smoothing and controls."""
 
 import re
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -52,7 +53,18 @@ def test_a_mixture_that_is_none_is_one_line(text):
         ({"style": Style(mixture={"ada": 1, "eve": 1})}, "no speaker 'eve' in the model; expected one of: ada, ben"),
         ({"style": Style(mixture={"ada": -0.5, "ben": 1})}, "expected numbers of at least 0"),
         ({"style": Style(images=["missing.png"])}, "missing.png cannot be read"),
+        ({"style": Style(mixture=cast(Any, ["ada"]))}, "give the weights of speakers"),
+        ({"style": Style(mixture=cast(Any, {"ada": "1"}))}, "expected numbers of at least 0"),
+        ({"style": Style(speaker=cast(Any, 3))}, "no speaker '3' in the model"),
+        ({"style": Style(speaker="ada", variation=cast(Any, "a"))}, "expected 0 to 2"),
+        ({"style": Style(values=cast(Any, "abc"))}, "expected 18 finite numbers"),
         ({"fps": float("nan")}, "1 to 240"),
+        ({"fps": "30"}, "1 to 240"),
+        ({"smoothing": "a"}, "expected 0 to 2"),
+        ({"controls": {"energy": 1}}, "give Controls"),
+        ({"cues": [3]}, "give a Cue"),
+        ({"cues": ["nod"]}, "neither a time nor a word"),
+        ({"words": "hello"}, "give words such as Word("),
         ({"controls": Controls(pins=(Pin(6, 7),))}, "after the end of the motion at 5 s"),
         ({"seed_pose": np.full((42, 3), np.nan)}, "not finite"),
     ],

@@ -308,21 +308,21 @@ def test_the_demo_does_not_move_by_what_nobody_hears(demo, constant, frequency, 
     assert np.linalg.norm(second - first, axis=-1).max() < 0.001
 
 
-def test_numbers_of_numpy_are_numbers(debug_model, tmp_path):
+@pytest.mark.parametrize("package", [np, jnp])
+def test_numbers_of_numpy_and_jax_are_numbers(debug_model, tmp_path, package):
     """As of a loop over np.arange, or of weights that another model gave."""
-    plain: Any = {
-        "seed": 3,
-        "smoothing": 0.25,
-        "controls": Controls(energy=0.5, mirror=True),
-        "cues": [Cue("nod", 0.5)],
-    }
-    half, one, yes = cast(Any, (np.float32(0.5), np.float32(1), np.bool_(True)))
-    other: Any = {"seed": np.int64(3), "smoothing": np.float32(0.25), "cues": [Cue("nod", half)]}
-    other["controls"] = Controls(energy=half, mirror=yes)
-    for name, arguments, weight in (("a", plain, 1.0), ("b", other, one)):
-        debug_model.generate(speech(1), style=Style(mixture={"ada": weight}), **arguments).save(
-            tmp_path / f"{name}.npz"
-        )
+    half, one, yes = cast(Any, (package.float32(0.5), package.float32(1), package.bool_(True)))
+    other = package.int32(3), half, package.float32(15), yes, one
+    for name, (seed, part, fps, mirror, weight) in (("a", (3, 0.5, 15.0, True, 1.0)), ("b", other)):
+        debug_model.generate(
+            speech(1),
+            seed=seed,
+            style=Style(mixture={"ada": weight}, variation=part),
+            fps=fps,
+            smoothing=part,
+            controls=Controls(energy=part, mirror=mirror),
+            cues=[Cue("nod", part)],
+        ).save(tmp_path / f"{name}.npz")
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
     assert debug_model.stream(look_ahead=np.int64(4), hop=np.int64(2)).latency == pytest.approx(6 / 15, abs=0.2)
     with pytest.raises(UserError, match=r"the seed is 1\.5"):

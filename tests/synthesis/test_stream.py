@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import sys
+from typing import Any, cast
 
 import jax
 import numpy as np
@@ -431,7 +432,13 @@ def test_a_clear_goes_back_a_minute(debug_model):
 def test_arguments_are_checked_and_after_the_end_is_no_more(debug_model):
     with pytest.raises(UserError, match="expected 0 to 34 frames"):
         debug_model.stream(look_ahead=35)
+    with pytest.raises(UserError, match="expected a number of at least 0"):
+        debug_model.stream(reference="a")
     stream = debug_model.stream()
+    with pytest.raises(UserError, match="a gap of a s"):
+        stream.skip(cast(Any, "a"))
+    with pytest.raises(UserError, match="frame True is not remembered"):
+        stream.clear(True)
     stream.flush()
     with pytest.raises(UserError, match="the stream has ended"):
         stream.feed(speech(1))

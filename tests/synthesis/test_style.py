@@ -73,7 +73,7 @@ def test_choices_are_those_of_generate(debug_onnx, monkeypatch):
 
 def test_seeds_go_on_after_the_largest_from_0():
     assert [later_seed(MAX_SEED - 1, count) for count in range(3)] == [MAX_SEED - 1, MAX_SEED, 0]
-    assert later_seed(cast(Any, np.int32(3)), 1) == 4
-    for seed in (-1, MAX_SEED + 1, 0.0):
+    assert later_seed(cast(Any, np.int32(3)), 1) == later_seed(cast(Any, np.array(3)), 1) == 4
+    for seed in (-1, MAX_SEED + 1, 0.0, True, "0"):
         with pytest.raises(UserError, match="seed"):
             later_seed(cast(Any, seed), 0)

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ha2g_jax.errors import UserError
+from ha2g_jax.errors import UserError, check_number
 from ha2g_jax.files.reading import reading, shown
 from ha2g_jax.motion.control.parts import SIDES
 from ha2g_jax.motion.motion import Motion
@@ -73,11 +73,13 @@ def check(controls: Controls, skeleton: Skeleton, duration: float = math.inf) ->
     """Check controls before they are applied to a motion of some seconds.
 
     Raises:
-        UserError: an amount, a side, a pose or a span is not valid.
+        UserError: these are no `Controls`, or an amount, a side, a pose or a span is not valid.
     """
+    if not isinstance(controls, Controls):
+        raise UserError(f"the controls are {controls!r}; give Controls, such as Controls(energy=0.5)")
     for name, amount in (("energy", controls.energy), ("extent", controls.extent)):
-        if not (math.isfinite(amount) and 0 <= amount <= MOST):
-            raise UserError(f"the {name} is {amount}; expected 0 to {MOST:g}, 1 for the unchanged motion")
+        message = f"the {name} is {amount}; expected 0 to {MOST:g}, 1 for the unchanged motion"
+        check_number(amount, 0, MOST, message)
     if controls.handedness not in (*SIDES, "both"):
         raise UserError(f"the handedness is {controls.handedness!r}; expected left, right or both")
     _check_spans("pin", controls.pins, duration)

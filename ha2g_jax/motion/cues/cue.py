@@ -1,13 +1,12 @@
 """Cues, which ask for a gesture at a time, on a word or now."""
 
 import math
-import numbers
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ha2g_jax.errors import UserError
+from ha2g_jax.errors import UserError, check_number
 from ha2g_jax.features.text import Word
 from ha2g_jax.files.reading import shown
 from ha2g_jax.motion.cues.catalogue import GESTURES, NAMES, Keyframes, keyframes
@@ -86,20 +85,22 @@ def keyframes_of(cue: Cue, skeleton: Skeleton, fps: float) -> Keyframes:
     return Keyframes.of_motion(skeleton, times, directions, weight_times)
 
 
-def check_cue(cue: Cue) -> Cue:
-    """Return a cue whose name is as `keyframes_of` takes it.
+def check_cue(cue: Cue | str) -> Cue:
+    """Return a cue, or the one of a name, whose name is as `keyframes_of` takes it.
 
     Raises:
-        UserError: there is no such gesture, or the time is not a number of seconds.
+        UserError: this is no cue, there is no such gesture, or the time is not a number of seconds.
     """
+    cue = Cue(cue) if isinstance(cue, str) else cue
+    if not (isinstance(cue, Cue) and isinstance(cue.name, str)):
+        raise UserError(f"a cue is {cue!r}; give a Cue, such as Cue('nod', 1.5)")
     name = check_name(cue.name)
-    is_number = isinstance(cue.time, numbers.Real) and not isinstance(cue.time, bool)
-    if cue.time is not None and not (is_number and 0 <= cue.time <= MAX_SECONDS):
-        raise UserError(f"the time of the cue {shown(name)} is {cue.time!r}; expected seconds from 0 on")
-    return cue._replace(name=name)
+    message = f"the time of the cue {shown(name)} is {cue.time!r}; expected seconds from 0 on"
+    time = None if cue.time is None else check_number(cue.time, 0, MAX_SECONDS, message)
+    return cue._replace(name=name, time=time)
 
 
-def place(cues: Iterable[Cue], words: Sequence[Word], duration: float = math.inf) -> tuple[Cue, ...]:
+def place(cues: Iterable[Cue | str], words: Sequence[Word], duration: float = math.inf) -> tuple[Cue, ...]:
     """Return cues with the times of their words, which peak within a motion of a duration in seconds.
 
     A cue on a word peaks at the beginning of the first such word, from the cue's time on.
