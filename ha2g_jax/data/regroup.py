@@ -19,7 +19,7 @@ from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.recording import Report, SplitReport
 from ha2g_jax.data.records import STORED_NAMES
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import file_sha256, resolved
+from ha2g_jax.files.reading import file_sha256, resolved, shown
 from ha2g_jax.progress import progress_bar, track
 
 # Entries that `CorpusWriter` adds to the description of a corpus.
@@ -46,7 +46,7 @@ def merge(paths: Sequence[str | os.PathLike], dst: str | os.PathLike, *, same_sp
 
     Raises:
         UserError: `dst` exists, there are fewer than two corpora, one is damaged or occurs twice, alone or as a part
-            of another, or they do not fit.
+            of another, two have a clip with the same sound and motion, or they do not fit.
     """
     corpora = [Corpus.open(path) for path in paths]
     _check_that_they_fit(corpora)
@@ -94,13 +94,23 @@ def _check_that_they_fit(corpora: list[Corpus]) -> None:
 
 def _names(corpora: list[Corpus], kinds: Iterable[str]) -> list[dict[str, dict[str, str]]]:
     """Return the new names of clips, recordings and speakers that several corpora have, for each corpus: kind -> old
-    name -> new name."""
+    name -> new name; a clip whose sound and motion are in two corpora is a `UserError`."""
     used = []
+    owners: dict[bytes, tuple[Corpus, str]] = {}  # of each clip, by the hash of its sound and motion
     for corpus in track(corpora, "reading names", "corpus"):
         names: dict[str, dict[str, None]] = {kind: {} for kind in kinds}
         for split in corpus.splits:
             for clips, index in _records(corpus, split):
                 fields = clips.fields(index)
+                name = f"clip {fields['id']!r} of {split} in {shown(corpus.path)}"
+                content = hashlib.sha256(fields["audio"])
+                content.update(fields["positions"])
+                owner, first = owners.setdefault(content.digest(), (corpus, name))
+                if owner is not corpus:
+                    raise UserError(
+                        f"{name} has the sound and the motion of {first}, and could be in training and in test; merge "
+                        "only one of the two corpora"
+                    )
                 for kind, known in names.items():
                     if fields[kind]:
                         known[fields[kind]] = None

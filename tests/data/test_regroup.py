@@ -20,7 +20,9 @@ from ha2g_jax.skeleton import directions_to_positions, load_skeleton
 
 
 def saying(name: str, speaker: str, word: str, skeleton: str = "ted_gesture") -> Clip:
-    return make_clip(name, skeleton=skeleton, speaker=speaker, words=(Word(word, 0.1, 0.4),), recording=f"{name}-file")
+    sound = make_clip(name + word).audio
+    words = (Word(word, 0.1, 0.4),)
+    return make_clip(name, skeleton=skeleton, speaker=speaker, audio=sound, words=words, recording=f"{name}-file")
 
 
 @pytest.fixture
@@ -123,6 +125,15 @@ def test_clips_that_are_in_a_part_already_are_refused(corpora, tmp_path):
     for others in ([corpora[0]], [tmp_path / "copy"], [tmp_path / "divided"]):
         with pytest.raises(UserError, match="have the same clips"):
             regroup.merge([tmp_path / "both", *others], tmp_path / "all")
+    assert not (tmp_path / "all").exists()
+
+
+def test_a_clip_of_two_corpora_is_refused_whatever_its_names(corpora, tmp_path):
+    """Or what a model is tested with would be in its training."""
+    renamed = dataclasses.replace(saying("a", "bo", "hello"), id="z", speaker="zoe", recording="z-file")
+    other = write_corpus(tmp_path / "other", {"train": [saying("x", "di", "so")], "test": [renamed]})
+    with pytest.raises(UserError, match=r"clip 'z' of test in .*other has .* of clip 'a' of train in .*one, "):
+        regroup.merge([corpora[0], other], tmp_path / "all")
     assert not (tmp_path / "all").exists()
 
 
