@@ -142,7 +142,8 @@ def convert_samples(samples: np.ndarray, rate: int) -> np.ndarray:
     """Convert sound that another library has read, by the rules of `read_audio`.
 
     Args:
-        samples: (samples,), (samples, channels) or (channels, samples), floats or signed integers.
+        samples: (samples,), (samples, channels) or (channels, samples), floats within -1 and 1, or signed integers of
+            the full range of at most 32 bits.
         rate: samples per second.
 
     Raises:
@@ -154,10 +155,11 @@ def convert_samples(samples: np.ndarray, rate: int) -> np.ndarray:
         raise UserError(f"the speech is a pair of {type(samples).__name__} and {type(rate).__name__}; {expected}")
     if not MIN_SOUND_RATE <= rate <= MAX_SOUND_RATE or rate != int(rate):
         raise UserError(f"the speech has {rate} samples per second; {expected}")
-    if np.issubdtype(sound.dtype, np.signedinteger):
+    # Integers of 64 bits are those of a list or a sum; their full range is not that of the samples.
+    if np.issubdtype(sound.dtype, np.signedinteger) and sound.itemsize <= 4:
         sound = sound / -float(np.iinfo(sound.dtype).min)
     elif not np.issubdtype(sound.dtype, np.floating):
-        raise UserError(f"the speech is an array of {sound.dtype}; expected floats or signed integers")
+        raise UserError(f"the speech is an array of {sound.dtype}; expected floats within -1 and 1, int16 or int32")
     sound = sound[:, None] if sound.ndim == 1 else sound.T if sound.shape[0] < sound.shape[1] else sound
     if sound.shape[1] > MAX_SOUND_CHANNELS:
         raise UserError(f"the speech has the shape {np.shape(samples)}; {expected}")

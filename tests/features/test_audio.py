@@ -67,6 +67,7 @@ def test_sound_of_another_library_is_that_of_its_file(tmp_path, form, dtype, rat
         ((noise(16_000), "16 kHz"), "expected .samples, rate."),
         ((noise(16_000), 0), "0 samples per second"),
         ((noise(16_000) > 0, 16_000), "array of bool"),
+        (((32767 * noise(16_000)).astype(np.int64), 16_000), "array of int64; expected floats within -1 and 1, int16"),
         ((noise(16_000).reshape(2, 80, 100), 16_000), "expected .samples, rate."),
         ((noise(16_000).reshape(100, 160), 16_000), "shape .100, 160."),
         ((noise(160), 16_000), "0.010 s"),
