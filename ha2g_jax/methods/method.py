@@ -248,7 +248,7 @@ def subtract_mean(spec: Spec, directions: jax.Array) -> jax.Array:
     """Return direction vectors (..., bones, 3) less their mean, flat (..., pose_dim), as networks take them (D1)."""
     mean = jnp.asarray(spec.skeleton.mean_directions, jnp.float32)
     centred = directions - jnp.expand_dims(mean, tuple(range(directions.ndim - 2)))
-    return centred.reshape(*directions.shape[:-2], spec.skeleton.pose_dim)
+    return centred.astype(jnp.float32).reshape(*directions.shape[:-2], spec.skeleton.pose_dim)
 
 
 def restore(spec: Spec, poses: jax.Array) -> jax.Array:

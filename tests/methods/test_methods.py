@@ -15,7 +15,7 @@ from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.layers.resnet_se import AudioEncoder
 from ha2g_jax.layers.waveform import WaveformEncoder
 from ha2g_jax.methods import build, method_of
-from ha2g_jax.methods.method import example_batch
+from ha2g_jax.methods.method import example_batch, subtract_mean
 from ha2g_jax.skeleton import load_skeleton
 
 GENERATING = ("ha2g", "seq2seq", "speech2gesture", "joint_embedding", "trimodal")
@@ -40,6 +40,12 @@ def test_a_generator_of_any_window_gives_its_frames(method, fps, num_frames):
         lambda key: spec.generator.init_with_output(key, *arguments, train=False), jax.random.key(0)
     )
     assert jax.tree.leaves(poses)[-1].shape == (1, num_frames, 27)
+
+
+def test_poses_of_float64_are_float32_as_networks_take_them():
+    spec = make()
+    with jax.enable_x64(True):
+        assert subtract_mean(spec, jnp.zeros((2, 34, spec.skeleton.num_bones, 3), jnp.float64)).dtype == jnp.float32
 
 
 @pytest.mark.parametrize("method", GENERATING)
