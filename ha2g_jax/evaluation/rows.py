@@ -185,4 +185,4 @@ def _other_onsets(reference: Reference) -> list[np.ndarray | None]:
 
 
 def _within(onsets: np.ndarray | None, seconds: float) -> np.ndarray | None:
-    return None if onsets is None else onsets[onsets < seconds]
+    return None if onsets is None else np.extract(np.less(onsets, seconds), onsets)

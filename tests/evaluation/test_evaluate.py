@@ -1,6 +1,7 @@
 """An evaluation always shows what its scores are worth: sanity rows, intervals, flags, and refusals to compare."""
 
 import dataclasses
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -172,6 +173,13 @@ def test_without_sound_beats_are_left_out_and_that_is_said(skeleton, perform):
     assert "beat_f" not in results["rows"]["mute"]
     assert value(results, "mute", "acceleration") > 0
     assert "6 of 6 clips have no sound" in " ".join(results["notes"])
+
+
+def test_onsets_may_be_a_list(skeleton, perform):
+    clips = perform(3)
+    listed = [dataclasses.replace(clip, onsets=cast(Any, clip.onsets.tolist())) for clip in clips]
+    arrays, lists = (evaluate({"same": given}, given, skeleton, draws=2) for given in (clips, listed))
+    assert value(arrays, "same", "beat_f") == value(lists, "same", "beat_f") > 0
 
 
 def test_silent_clips_are_counted_and_not_scored(skeleton, perform):
