@@ -66,7 +66,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         data, sizes, rows = ", ".join(presets.DATA), ", ".join(presets.SIZES), settings.as_text()
         sys.stdout.write(_USAGE.format(program=argv[0], sizes=sizes, data=data, methods=methods, settings=rows))
         return 0
-    arguments = _parse(argv)
+    arguments, preset = _parse(argv)
 
     from ha2g_jax.train import hosts  # this imports JAX, after the flags were read
 
@@ -74,8 +74,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     from ha2g_jax.data.talk.build import talk_path
     from ha2g_jax.evaluation.samples import write_sample
+    from ha2g_jax.train import fits
     from ha2g_jax.train.loop import train
 
+    fits.check_changes(arguments.config, preset)
     talk_path(arguments.config.data.path)
     train(arguments.config, arguments.workdir, profile=arguments.profile, draw_sample=write_sample)
     if hosts.is_first():
@@ -92,11 +94,13 @@ def load_config(spec: str, overrides: Sequence[str] = ()) -> Config:
     Raises:
         UserError: there is no such preset, file or size, the file cannot be used, or an override does not fit.
     """
-    return _parse(["ha2g", f"--config={spec}", "--workdir=.", *overrides]).config
+    return _parse(["ha2g", f"--config={spec}", "--workdir=.", *overrides])[0].config
 
 
-def _parse(argv: list[str]) -> Any:
-    """Return the values of the flags, whose names are those of `_USAGE`, as attributes."""
+def _parse(argv: list[str]) -> tuple[Any, Config]:
+    """Return the values of the flags, whose names are those of `_USAGE`, as attributes; and the config without the
+    changes of the flags.
+    """
     spec, argv = _take_spec(argv)
     values = flags.FlagValues()  # not absl's global ones, so that one process can parse twice
     flags.DEFINE_boolean("profile", False, "", flag_values=values)
@@ -107,6 +111,7 @@ def _parse(argv: list[str]) -> Any:
     try:
         if spec:
             config = _read(spec)
+            preset = config.copy_and_resolve_references()
             config_flags.DEFINE_config_dict("config", config, flag_values=values, sys_argv=argv)
         rest = values(argv)
     except flags.UnrecognizedFlagError as error:
@@ -120,7 +125,7 @@ def _parse(argv: list[str]) -> Any:
     if rest[1:]:
         raise UserError(f"unexpected argument '{shown(rest[1])}'; see {argv[0]} --help")
     settings.check(values.config)
-    return values
+    return values, preset
 
 
 def _take_spec(argv: list[str]) -> tuple[str, list[str]]:

@@ -1,5 +1,6 @@
 """Check that a config fits its machine, its workdir and its corpus before a run starts, not after hours."""
 
+import contextlib
 import pathlib
 import reprlib
 
@@ -14,8 +15,9 @@ from ha2g_jax.config.settings import Config
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError, require
 from ha2g_jax.files.reading import reading, shown
-from ha2g_jax.methods import METHODS
+from ha2g_jax.methods import METHODS, build
 from ha2g_jax.methods.method import Spec
+from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.train.sharding import check_batch_size
 
 # Settings that may differ from those a workdir was made with, because they do not change the updates. A corpus may have
@@ -33,6 +35,9 @@ _FREE_SETTINGS = {
     "train.wandb",
     "train.devices",
 }
+# Settings of the networks that are read with the data, and those that only a method with a discriminator reads.
+_READ_WITH_THE_DATA = {"model.audio.weights", "model.text.vectors"}
+_ADVERSARIAL = {"train.discriminator_learning_rate", "train.warmup_epochs"}
 _NAMES_SHOWN = 6
 
 
@@ -79,6 +84,32 @@ def check_augmentation(config: Config, spec: Spec) -> None:
             f"{config.method} takes {', '.join(spec.training_inputs) or 'no speech'}, but only the end of a mel "
             "spectrogram and of its words can be hidden: set --config.data.lookahead=0"
         )
+
+
+def check_changes(config: Config, preset: Config) -> None:
+    """Check that the method reads what a config changes of its preset: each setting of the networks, and of adversarial
+    training.
+
+    Raises:
+        UserError: a change leaves the networks as they are.
+    """
+    names = [row.name for row in settings.table(config.method)]
+    changed = {
+        name: value for name in names if (value := settings.value_of(preset, name)) != settings.value_of(config, name)
+    }
+    networks = [name for name in changed if name.startswith("model.") and name not in _READ_WITH_THE_DATA]
+    adversarial = [name for name in changed if name in _ADVERSARIAL]
+    if not (networks or adversarial):
+        return
+    skeleton = load_skeleton(config.skeleton)
+    spec = build(config, skeleton, 1, 1)
+    unread = [] if spec.discriminator else adversarial
+    for name in networks:
+        other = settings.change(config.copy_and_resolve_references().unlock(), {name: changed[name]})
+        with contextlib.suppress(UserError):  # a change without which the networks are not possible is read
+            unread += [name] if build(other, skeleton, 1, 1) == spec else []
+    if unread:
+        raise UserError(f"{config.method} does not read config.{unread[0]} with these settings; leave it out")
 
 
 def check_workdir(workdir: pathlib.Path, config: Config) -> None:

@@ -1,5 +1,6 @@
 """A workdir belongs to one training and one config; each start is recorded, and a damaged record stops no run."""
 
+import contextlib
 import hashlib
 import json
 import pathlib
@@ -11,7 +12,7 @@ import pytest
 
 from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.checkpoint.assets import Assets
-from ha2g_jax.config import presets
+from ha2g_jax.config import presets, settings
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Vocabulary
@@ -82,6 +83,24 @@ def start(tmp_path, tiny_talk):
         return json.loads((tmp_path / "run.json").read_text())
 
     return start
+
+
+@pytest.mark.parametrize(
+    ("method", "name", "value", "is_read"),
+    [
+        ("ha2g", "model.inferer.hidden_dim", 99, True),
+        ("ha2g", "train.warmup_epochs", 3, True),
+        ("ha2g", "train.steps", 3, True),
+        ("ha2g", "model.audio.whisper.layers", 2, False),  # of an encoder that is not chosen
+        ("speech2gesture", "model.inferer.hidden_dim", 99, False),
+        ("seq2seq", "train.warmup_epochs", 3, False),  # there is no discriminator
+    ],
+)
+def test_a_change_that_the_method_does_not_read_is_refused(method, name, value, is_read):
+    preset = presets.make("talk", "debug", method)
+    config = settings.change(presets.make("talk", "debug", method), {name: value})
+    with contextlib.nullcontext() if is_read else pytest.raises(UserError, match=f"does not read config.{name}"):
+        fits.check_changes(config, preset)
 
 
 def test_every_start_is_kept(start, tmp_path, tiny_talk, monkeypatch):
