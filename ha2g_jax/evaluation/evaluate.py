@@ -108,8 +108,8 @@ def evaluate(
         "flags", "warnings" and "notes"; "legacy_v1" on demand.
 
     Raises:
-        UserError: no method, no clip that all have, an auto-encoder of another skeleton or frame rate, or legacy scores
-            of motion that is not at 15 frames per second.
+        UserError: no method, no clip that all have, vectors that are not of length 1, an auto-encoder of another
+            skeleton or frame rate, or legacy scores of motion that is not at 15 frames per second.
     """
     if not rows or not reference:
         raise UserError("nothing to evaluate; give the motion of at least one method and of the reference")

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 MIN_FRAMES = SEED_FRAMES + 8  # of a clip: half a second after the seed pose
 
+_MAX_ERROR = 0.01  # of the length of a direction vector
+
 
 class Rows(NamedTuple):
     """All rows of an evaluation but `HALF`, which is a way to divide ground truth.
@@ -59,7 +61,7 @@ def make_rows(
     The arguments are those of `evaluate.evaluate`; the default of `training` is the reference before it is cut.
 
     Raises:
-        UserError: no clip is left, or motion of different skeletons or frame rates.
+        UserError: no clip is left, motion of different skeletons or frame rates, or vectors that are not of length 1.
     """
     if taken := set(methods) & set(SANITY_ROWS):
         raise UserError(f"a method is called {taken.pop()!r}, as a sanity row is; give it another name")
@@ -136,6 +138,13 @@ def _check_alike(clips: Sequence[ClipResult]) -> None:
             )
         if not np.isfinite(clip.directions).all():
             raise UserError(f"the motion of {clip.id} has values that are not numbers; generate it again")
+        lengths = np.linalg.norm(clip.directions, axis=-1)
+        is_wrong = (np.abs(lengths - 1) > _MAX_ERROR) & (lengths > 0)  # a bone without a length has no direction
+        if is_wrong.any():
+            raise UserError(
+                f"the motion of {clip.id} has direction vectors of length {lengths[is_wrong][0]:.3g}, not 1; add the "
+                "mean pose if it was subtracted, and normalise them"
+            )
 
 
 def _method_row(

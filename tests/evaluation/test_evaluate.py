@@ -246,6 +246,11 @@ def test_what_cannot_be_evaluated_is_refused(skeleton, perform, features):
         attempt({})
     with pytest.raises(UserError, match="one rate at a time"):
         attempt({"a": [dataclasses.replace(clip, fps=30.0) for clip in clips]})
+    for change in (lambda vectors: 3 * vectors, lambda vectors: vectors - skeleton.mean_directions):
+        wrong = [dataclasses.replace(clip, directions=change(clip.directions)) for clip in clips]
+        for rows in (({"a": wrong},), ({"a": clips}, wrong)):
+            with pytest.raises(UserError, match=r"clip0 has direction vectors of length .*, not 1; add the mean pose"):
+                attempt(*rows)
     with pytest.raises(UserError, match="auto-encoder is of the skeleton ted_gesture at 30"):
         attempt({"a": clips}, autoencoder=dataclasses.replace(features, fps=30.0))
 
