@@ -152,10 +152,13 @@ _PALMS = {"ted_expressive": ((11, 17), (28, 34))}
 
 
 def normalize(vectors: Any) -> Any:
-    """Return vectors (..., 3) scaled to unit length; a zero vector stays zero, with a finite gradient."""
+    """Return vectors (..., 3) scaled to unit length; a zero vector stays zero, with a finite gradient.
+
+    Vectors of whole numbers become floating; float16 has too small a range.
+    """
     xp = vectors.__array_namespace__()
     squared = xp.sum(vectors * vectors, axis=-1, keepdims=True)
-    return vectors / xp.sqrt(xp.maximum(squared, xp.asarray(MIN_NORM**2, dtype=vectors.dtype)))
+    return vectors / xp.sqrt(xp.maximum(squared, MIN_NORM**2))
 
 
 def directions_to_positions(skeleton: Skeleton, directions: Any) -> Any:
@@ -165,8 +168,8 @@ def directions_to_positions(skeleton: Skeleton, directions: Any) -> Any:
     joints, 3) in metres.
     """
     xp = directions.__array_namespace__()
-    paths = xp.asarray(skeleton.paths * skeleton.lengths, dtype=directions.dtype)
-    return xp.matmul(paths, normalize(directions))
+    unit = normalize(directions)
+    return xp.matmul(xp.asarray(skeleton.paths * skeleton.lengths, dtype=unit.dtype), unit)
 
 
 def positions_to_directions(skeleton: Skeleton, positions: Any) -> Any:

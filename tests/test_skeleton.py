@@ -45,6 +45,20 @@ def test_directions_survive_the_way_to_positions_and_back(seed, name):
     np.testing.assert_allclose(lengths, np.broadcast_to(skeleton.lengths, lengths.shape), rtol=1e-4)
 
 
+@pytest.mark.parametrize("xp", [np, jnp])
+def test_directions_of_whole_numbers_are_those_of_floating_ones(xp, skeleton):
+    directions = np.random.default_rng(0).integers(-2, 3, (4, skeleton.num_bones, 3))
+    directions[0, 0] = 0
+    expected = skeletons.directions_to_positions(skeleton, directions.astype(np.float64))
+    found = skeletons.directions_to_positions(skeleton, xp.asarray(directions))
+    np.testing.assert_allclose(found, expected, atol=1e-5)
+
+
+@pytest.mark.parametrize("kind", ["float32", "bfloat16"])
+def test_vectors_keep_their_type_when_they_are_scaled(kind):
+    assert skeletons.normalize(jnp.ones((2, 3), kind)).dtype == kind
+
+
 def test_angle_between_known_bones():
     skeleton = skeletons.load_skeleton("ted_gesture")
     directions = np.tile(np.array([1.0, 0.0, 0.0]), (skeleton.num_bones, 1))
