@@ -32,8 +32,13 @@ def diversity(
     Pairs are unordered and distinct within a draw, and never of one recording, whose overlapping windows differ little.
     All pairs are equally likely. Where there are no more than `num_pairs`, each draw has them all. The latents are (n,
     d), the labels of their recordings (n,), and the L1 and L2 distances (num_draws,) each.
+
+    Raises:
+        ValueError: not as many labels as latents.
     """
     latents = np.asarray(latents, np.float64)
+    if len(latents) != len(recordings):
+        raise ValueError(f"{len(recordings)} labels of {len(latents)} latents; expected one for each")
     _, members, sizes = np.unique(np.asarray(recordings), return_inverse=True, return_counts=True)
     order = np.argsort(members, kind="stable")
     # In the order of recordings, a row is paired with every row behind its own recording; pair k is found by counting.

@@ -25,7 +25,11 @@ _RIGID = np.deg2rad(0.5)  # range of an angle that does not bend in the training
 
 
 def acceleration(positions: np.ndarray, fps: float) -> float:
-    """Compute the mean length of the second difference of positions x fps^2 (GENEA); NaN for fewer than 3 frames."""
+    """Compute the mean length of the second difference of positions x fps^2 (GENEA); NaN for fewer than 3 frames.
+
+    Raises:
+        ValueError: the positions are not (T, joints, 3).
+    """
     return _mean_difference(positions, 2, fps)
 
 
@@ -46,10 +50,16 @@ def l1_diversity(values: np.ndarray) -> float:
 
 
 def _mean_difference(positions: np.ndarray, order: int, fps: float) -> float:
-    if len(positions) <= order:
-        return np.nan
-    differences = np.diff(np.asarray(positions, np.float64), n=order, axis=0)
-    return float(np.mean(np.linalg.norm(differences, axis=-1)) * fps**order)
+    lengths = _differences(positions, order, fps)
+    return float(np.mean(lengths)) if len(lengths) else np.nan
+
+
+def _differences(positions: np.ndarray, order: int, fps: float) -> np.ndarray:
+    """Return the lengths (T - order, joints) of the differences of positions (T, joints, 3) x fps^order."""
+    positions = np.asarray(positions, np.float64)
+    if positions.ndim != 3 or positions.shape[2] != 3:
+        raise ValueError(f"positions of the shape {positions.shape}; expected (T, joints, 3)")
+    return np.linalg.norm(np.diff(positions, n=order, axis=0), axis=-1) * fps**order
 
 
 def _by_frames(function: Callable[..., float]) -> Callable[[Row], Statistic]:
@@ -80,7 +90,11 @@ JERK_RATIO = Metric("jerk_ratio", "jerk / truth", "", "none", BEATS, 2, _over_tr
 
 
 def speed_edges(reference: Sequence[np.ndarray], fps: float, *, bins: int = NUM_BINS) -> np.ndarray:
-    """Return upper edges (joints, bins) at the quantiles 1/bins, 2/bins, ..., 1 of the reference's speeds."""
+    """Return upper edges (joints, bins) at the quantiles 1/bins, 2/bins, ..., 1 of the speeds of clips (T, joints, 3).
+
+    Raises:
+        ValueError: positions of another shape.
+    """
     speeds = np.concatenate([_speeds(clip, fps) for clip in reference])
     if not len(speeds):
         return np.zeros((speeds.shape[1], bins))
@@ -93,6 +107,9 @@ def speed_counts(positions: np.ndarray, edges: np.ndarray, fps: float) -> np.nda
     The edges, (bins,) or (joints, bins), are ascending upper edges, each within its bin, in units of the positions a
     second. The counts (joints, 1 + bins + 1) are those of standing still, of each bin, and of what lies beyond the
     last.
+
+    Raises:
+        ValueError: positions of another shape.
     """
     speeds = _speeds(positions, fps)
     num_joints, num_bins = speeds.shape[1], edges.shape[-1]
@@ -109,7 +126,12 @@ def histogram_distance(counts: np.ndarray, reference: np.ndarray) -> float:
 
     Both sides are sums (joints, 1 + bins + 1) of `speed_counts`. A joint that moves on neither side is left out. NaN
     where either side has no counts.
+
+    Raises:
+        ValueError: the two sides have different shapes.
     """
+    if counts.shape != reference.shape:
+        raise ValueError(f"counts of the shapes {counts.shape} and {reference.shape}; expected the same")
     # Standing still belongs to the first bin, which holds the slowest; it is counted apart only to find dead joints.
     parts = []
     for side in (counts, reference):
@@ -124,7 +146,7 @@ def histogram_distance(counts: np.ndarray, reference: np.ndarray) -> float:
 
 def _speeds(positions: np.ndarray, fps: float) -> np.ndarray:
     """Return the speeds (frames - 1, joints); 0 below the rounding of positions."""
-    speeds = np.linalg.norm(np.diff(np.asarray(positions, np.float64), axis=0), axis=-1) * fps
+    speeds = _differences(positions, 1, fps)
     return np.where(speeds < STILL, 0, speeds)
 
 

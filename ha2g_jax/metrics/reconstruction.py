@@ -16,7 +16,11 @@ _RANK = 1e-10  # eigenvalue of a correlation matrix below which dimensions repea
 
 
 def joint_mae(generated: np.ndarray, real: np.ndarray) -> float:
-    """Compute the mean of |p_hat - p| over (T, joints, 3), the root among the joints; NaN without a frame."""
+    """Compute the mean of |p_hat - p| over (T, joints, 3), the root among the joints; NaN without a frame.
+
+    Raises:
+        ValueError: the two have different shapes.
+    """
     return _mean_absolute(_difference(generated, real))
 
 
@@ -27,8 +31,9 @@ def acceleration_error(generated: np.ndarray, real: np.ndarray, fps: float) -> f
 
 
 def pck(generated: np.ndarray, real: np.ndarray, *, delta: float = DELTA) -> float:
-    """Compute PCK, the ratio of joints in all frames whose L1 error is below `delta`, in units of the positions.
+    """Compute PCK, the ratio of joints in all frames whose L1 error is below `delta`, see `joint_mae`.
 
+    `delta` is in units of the positions.
     Without semantic weights of the frames it equals the semantic-relevant gesture recall of BEAT (Liu et al., 2022).
     """
     errors = np.abs(_difference(generated, real)).sum(axis=-1)
@@ -36,7 +41,10 @@ def pck(generated: np.ndarray, real: np.ndarray, *, delta: float = DELTA) -> flo
 
 
 def _difference(generated: np.ndarray, real: np.ndarray) -> np.ndarray:
-    return np.asarray(generated, np.float64) - np.asarray(real, np.float64)
+    generated, real = np.asarray(generated, np.float64), np.asarray(real, np.float64)
+    if generated.shape != real.shape:
+        raise ValueError(f"positions of the shapes {generated.shape}, {real.shape}; expected the same (T, joints, 3)")
+    return generated - real
 
 
 def _mean_absolute(values: np.ndarray) -> float:

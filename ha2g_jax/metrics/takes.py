@@ -27,6 +27,9 @@ def take_distances(first: np.ndarray, second: np.ndarray) -> TakeDistances:
     """Measure two sets of takes (n, T, joints, 3) and (m, T, joints, 3) in metres.
 
     The distance of two takes is the mean over frames and joints. A set of one take has the distance 0 to itself.
+
+    Raises:
+        ValueError: takes of different shapes.
     """
     between = np.mean([_distance(one, other) for one, other in itertools.product(first, second)])
     return TakeDistances(float(between), *(_within(takes) for takes in (first, second)))
@@ -48,6 +51,8 @@ def _within(takes: np.ndarray) -> float:
 
 
 def _distance(first: np.ndarray, second: np.ndarray) -> float:
+    if first.shape != second.shape:
+        raise ValueError(f"takes of the shapes {first.shape} and {second.shape}; expected the same (T, joints, 3)")
     return float(100 * np.linalg.norm(first - second, axis=-1).mean())
 
 

@@ -79,6 +79,12 @@ def test_undefined_without_a_second_source(n):
     assert np.shape(draws) == (2, 10) and np.isnan(draws).all()
 
 
+@pytest.mark.parametrize("labels", [4, 6])
+def test_labels_that_are_not_as_many_as_the_latents_are_refused(labels):
+    with pytest.raises(ValueError, match=f"{labels} labels of 5 latents"):
+        diversity(np.ones((5, 3)), np.arange(labels))
+
+
 def test_multimodality_is_the_mean_over_all_pairs():
     assert multimodality(np.array([[0.0, 0.0], [3.0, 4.0]])) == 7
     latents = np.random.default_rng(2).normal(size=(4, 5))

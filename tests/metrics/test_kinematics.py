@@ -176,6 +176,22 @@ def test_too_little_is_undefined_and_warns_of_nothing():
         assert np.isnan(cca(real, real, ["a", "a"]))
 
 
+def test_arrays_of_another_shape_are_refused():
+    flat = np.zeros((40, 15))
+    edges = np.ones((5, 10))
+    for measure in (
+        lambda: kinematics.acceleration(flat, FPS),
+        lambda: kinematics.jerk(flat, FPS),
+        lambda: kinematics.speed_edges([flat], FPS),
+        lambda: kinematics.speed_counts(flat, edges, FPS),
+        lambda: kinematics.speed_counts(np.zeros((2, 40, 5, 3)), edges, FPS),
+    ):
+        with pytest.raises(ValueError, match=r"of the shape .*; expected \(T, joints, 3\)"):
+            measure()
+    with pytest.raises(ValueError, match=r"shapes \(5, 12\) and \(1, 12\)"):
+        kinematics.histogram_distance(np.ones((5, 12)), np.ones((1, 12)))
+
+
 def test_motion_that_stands_still_has_zeros():
     still = np.full((34, 3, 3), 0.1, np.float32)
     assert kinematics.acceleration(still, FPS) == kinematics.jerk(still, FPS) == kinematics.l1_diversity(still) == 0

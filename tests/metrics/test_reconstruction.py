@@ -129,6 +129,17 @@ def off(*moves: tuple[int, int, tuple[float, float, float]]) -> np.ndarray:
     return generated
 
 
+@pytest.mark.parametrize("shape", [(1, 3, 3), (12, 1, 3), (12, 3, 1), (11, 3, 3)])
+def test_motions_of_different_shapes_are_not_compared(shape):
+    for metric in (
+        reconstruction.joint_mae,
+        functools.partial(reconstruction.acceleration_error, fps=FPS),
+        reconstruction.pck,
+    ):
+        with pytest.raises(ValueError, match=r"of the shapes .*; expected the same \(T, joints, 3\)"):
+            metric(np.zeros(shape), REAL)
+
+
 def test_keypoints_are_found_within_delta():
     wrong = off((5, 0, (0.2, 0, 0)), (6, 1, (0, 0.2, 0)), (7, 2, (0, 0, 0.05)), (1, 0, (9, 9, 9)))
     assert reconstruction.pck(wrong, REAL) == pytest.approx(1 - 3 / 36)  # 12 frames of 3 joints

@@ -34,3 +34,8 @@ def test_distances_by_hand():
     }
     assert [getattr(score, "value", None) for score in scores.values()] == pytest.approx([1, 3, 0.75])
     assert all(metric.measure(CauseRow()) is None for metric in TAKE_METRICS)
+
+
+def test_takes_of_different_lengths_are_refused():
+    with pytest.raises(ValueError, match=r"shapes \(5, 2, 3\) and \(1, 2, 3\)"):
+        take_distances(np.zeros((1, 5, 2, 3)), np.zeros((2, 1, 2, 3)))
