@@ -101,7 +101,8 @@ def test_jitter_gains_nothing_over_mismatched_speech_and_wins_by_the_legacy_rule
 def test_beats_lie_where_the_arms_stop(fps, shift):
     stops = 0.6 * np.arange(-1, 9) + shift / fps  # without a shift right on a frame, but for 24 fps
     motion = swinging_arms(stopping_angles(stops, round(4 * fps), fps))
-    found = stop_beats(angle_change_rates(SKELETON, [motion], fps=fps)[0], fps)
+    change = SKELETON.angle_change * FPS / fps  # per frame
+    found = stop_beats(angle_change_rates(SKELETON, [motion], change)[0], fps)
     np.testing.assert_allclose(found * fps, stops[(stops > 0.5) & (stops < 3.9)] * fps, atol=0.1)
 
 
