@@ -1,5 +1,6 @@
 """Metrics of motion: pure numpy functions of arrays, and the one table of all that are registered.
 
+Motion with values that are not numbers scores NaN, or is refused with a ValueError where beats are sought.
 A new metric is one file that defines a `Metric`, an import here, and one line in `_REGISTERED`.
 """
 

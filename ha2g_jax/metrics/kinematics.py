@@ -117,7 +117,7 @@ def speed_counts(positions: np.ndarray, edges: np.ndarray, fps: float) -> np.nda
     for joint, joint_edges in enumerate(np.broadcast_to(edges, (num_joints, num_bins))):
         is_moving = speeds[:, joint] > 0
         places = np.where(is_moving, 1 + np.searchsorted(joint_edges, speeds[:, joint]), 0)
-        counts[joint] = np.bincount(places, minlength=num_bins + 2)
+        counts[joint] = np.nan if np.isnan(speeds[:, joint]).any() else np.bincount(places, minlength=num_bins + 2)
     return counts
 
 
@@ -139,7 +139,7 @@ def histogram_distance(counts: np.ndarray, reference: np.ndarray) -> float:
             return np.nan
         binned = np.concatenate([side[:, :1] + side[:, 1:2], side[:, 2:]], axis=1)
         parts.append(binned / binned.sum(axis=1, keepdims=True))
-    moves = (counts[:, 1:].sum(axis=1) > 0) | (reference[:, 1:].sum(axis=1) > 0)
+    moves = (counts[:, 1:].sum(axis=1) != 0) | (reference[:, 1:].sum(axis=1) != 0)
     overlap = np.sum(np.sqrt(parts[0] * parts[1]), axis=1)[moves]
     return float(np.mean(np.sqrt(np.maximum(1 - overlap, 0)))) if moves.any() else 0.0
 
@@ -214,7 +214,8 @@ def violation_counts(angles: np.ndarray, limits: Limits) -> np.ndarray:
     frames with any angle outside, and of frames with each angle outside.
     """
     is_outside = (angles < limits.low - _ROUNDING) | (angles > limits.high + _ROUNDING)
-    return np.array([len(angles), is_outside.any(axis=1).sum(), *is_outside.sum(axis=0)], np.float64)
+    is_outside = np.where(np.isnan(angles), np.nan, is_outside)
+    return np.array([len(angles), is_outside.max(axis=1).sum(), *is_outside.sum(axis=0)], np.float64)
 
 
 def violations(counts: np.ndarray) -> Violations:

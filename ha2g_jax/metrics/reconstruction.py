@@ -37,7 +37,7 @@ def pck(generated: np.ndarray, real: np.ndarray, *, delta: float = DELTA) -> flo
     Without semantic weights of the frames it equals the semantic-relevant gesture recall of BEAT (Liu et al., 2022).
     """
     errors = np.abs(_difference(generated, real)).sum(axis=-1)
-    return float(np.mean(errors < delta)) if errors.size else np.nan
+    return float(np.mean(np.where(np.isnan(errors), np.nan, errors < delta))) if errors.size else np.nan
 
 
 def _difference(generated: np.ndarray, real: np.ndarray) -> np.ndarray:

@@ -192,6 +192,24 @@ def test_arrays_of_another_shape_are_refused():
         kinematics.histogram_distance(np.ones((5, 12)), np.ones((1, 12)))
 
 
+def test_values_that_are_not_numbers_have_no_score():
+    broken, real = walks(2)
+    broken[10, 1, 2] = np.nan
+    angles = np.tile([0.5, 2.0], (10, 1))
+    angles[3, 0] = np.nan
+    scores = [
+        kinematics.acceleration(broken, FPS),
+        kinematics.jerk(broken, FPS),
+        kinematics.l1_diversity(broken),
+        hellinger([broken], [real], FPS),
+        hellinger([np.full_like(real, np.nan)], [np.zeros_like(real)], FPS),
+        hellinger([real], [broken], FPS),
+        *violations(angles),
+        *[function(broken, real) for function in (reconstruction.joint_mae, reconstruction.pck)],
+    ]
+    assert np.isnan(scores).all()
+
+
 def test_motion_that_stands_still_has_zeros():
     still = np.full((34, 3, 3), 0.1, np.float32)
     assert kinematics.acceleration(still, FPS) == kinematics.jerk(still, FPS) == kinematics.l1_diversity(still) == 0

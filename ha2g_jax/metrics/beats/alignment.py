@@ -71,6 +71,9 @@ def align(clips: Sequence[Clip], *, sigma: float = SIGMA) -> Alignment:
     """Compute recall, precision and F of each clip with its own sound, by the kernel exp(-d^2 / (2 sigma^2)) (Eq. 11).
 
     A clip with onsets and no motion beats scores 0. A clip without onsets is silent and not scored.
+
+    Raises:
+        ValueError: a time is not a number.
     """
     seconds = durations(clips)
     return score(inside(clips, "beats"), inside(clips, "onsets"), seconds, sigma)
@@ -92,6 +95,8 @@ def inside(clips: Sequence[Clip], name: str) -> Times:
     owners = np.repeat(np.arange(len(clips)), np.array([len(part) for part in parts], int))
     values = np.concatenate([np.zeros(0), *parts])
     starts, ends = (np.array([getattr(clip, end) for clip in clips]) for end in ("start", "end"))
+    if np.isnan(values).any():
+        raise ValueError(f"{name} at times that are not numbers")
     is_inside = (values >= starts[owners]) & (values < ends[owners])
     values, owners = (values - starts[owners])[is_inside], owners[is_inside]
     if np.any((np.diff(values) < 0) & (np.diff(owners) == 0)):

@@ -53,11 +53,16 @@ def angle_change_rates(
 
     Returns:
         (T - 1,) float64 of each clip, no unit.
+
+    Raises:
+        ValueError: a direction is not a number.
     """
     per_frame = np.asarray(skeleton.angle_change if change is None else change, np.float64)
     moves = per_frame >= _MIN_CHANGE
     weights = np.where(moves, 1 / np.where(moves, per_frame, 1), 0) / max(np.count_nonzero(moves), 1)
     values = np.concatenate([np.zeros(0), *(weights @ changes for changes in _changes(skeleton, clips))])
+    if np.isnan(values).any():
+        raise ValueError("motion with directions that are not numbers has no angle change rate")
     lengths = [max(len(clip) - 1, 0) for clip in clips]
     return np.split(values, np.cumsum(lengths)[:-1]) if lengths else []
 

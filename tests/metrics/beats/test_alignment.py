@@ -245,3 +245,14 @@ def test_scores_are_those_of_the_others_speech():
         expected.append(np.nanmean(align(paired).f))  # without those that are silent so long
     np.testing.assert_allclose(mismatched(clips, sources, 4, 0), expected, atol=1e-9)
     np.testing.assert_allclose(with_partners(clips, drawn), expected, atol=1e-9)
+
+
+def test_times_that_are_not_numbers_are_refused():
+    onsets = np.array([0.5, 1.0])
+    for beats, sounds in ((np.array([np.nan, 1.0]), onsets), (onsets, np.array([0.5, np.nan]))):
+        with pytest.raises(ValueError, match="at times that are not numbers"):
+            align([Clip(beats, sounds, 0.0, 2.0)])
+    directions = np.tile(SKELETON.mean_directions, (40, 1, 1))
+    directions[20] = np.nan
+    with pytest.raises(ValueError, match="directions that are not numbers"):
+        angle_change_rates(SKELETON, [directions])
