@@ -20,6 +20,8 @@ STILL = 1e-5  # units a second below which a joint does not move: the rounding o
 
 QUANTILES = (0.001, 0.999)
 
+_BEYOND = 1 + 1e-4  # times the greatest speed: from there on a speed is beyond the last bin, not a rounding of it
+
 _ROUNDING = 1e-6  # radians by which an angle may lie outside: two ways of rounding the same pose
 _RIGID = np.deg2rad(0.5)  # range of an angle that does not bend in the training motion
 
@@ -92,13 +94,17 @@ JERK_RATIO = Metric("jerk_ratio", "jerk / truth", "", "none", BEATS, 2, _over_tr
 def speed_edges(reference: Sequence[np.ndarray], fps: float, *, bins: int = NUM_BINS) -> np.ndarray:
     """Return upper edges (joints, bins) at the quantiles 1/bins, 2/bins, ..., 1 of the speeds of clips (T, joints, 3).
 
+    The last one is above the greatest speed by 1e-4 of it, so that the same motion in another format is not beyond it.
+
     Raises:
         ValueError: positions of another shape.
     """
     speeds = np.concatenate([_speeds(clip, fps) for clip in reference])
     if not len(speeds):
         return np.zeros((speeds.shape[1], bins))
-    return np.quantile(speeds, np.arange(1, bins + 1) / bins, axis=0).T
+    edges = np.quantile(speeds, np.arange(1, bins + 1) / bins, axis=0).T
+    edges[:, -1] *= _BEYOND
+    return edges
 
 
 def speed_counts(positions: np.ndarray, edges: np.ndarray, fps: float) -> np.ndarray:

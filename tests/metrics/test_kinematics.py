@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from sklearn.cross_decomposition import CCA
 
 from ha2g_jax.metrics import kinematics, reconstruction
-from ha2g_jax.skeleton import joint_angles, load_skeleton, normalize
+from ha2g_jax.skeleton import directions_to_positions, joint_angles, load_skeleton, normalize
 
 FPS = 15
 RNG = np.random.default_rng(0)
@@ -95,6 +95,18 @@ def test_bins_at_quantiles_hold_equally_many_real_speeds_and_an_unreached_overfl
     assert counts.sum() == 20 * 33 * 3
     np.testing.assert_array_equal(counts[:, 1:-1], 66)
     assert not counts[:, [0, -1]].any()
+
+
+def test_the_rounding_of_a_format_is_no_distance():
+    skeleton, rng, time = load_skeleton("ted_expressive"), np.random.default_rng(0), np.arange(150)[:, None, None] / FPS
+    real, other = [], []
+    for _ in range(12):
+        sways = rng.normal(0, 0.2, (3, 1, skeleton.num_bones, 3))
+        waves = sum(sway * np.sin(rate * time + rng.uniform(0, 6)) for sway, rate in zip(sways, (1, 3, 7), strict=True))
+        motion = normalize(skeleton.mean_directions + waves)
+        real.append(directions_to_positions(skeleton, motion))
+        other.append(directions_to_positions(skeleton, motion + rng.uniform(-1e-6, 1e-6, motion.shape)))
+    assert hellinger(other, real, FPS) < 0.005
 
 
 def test_hellinger_distance_orders_motions_and_is_free_of_scale():
