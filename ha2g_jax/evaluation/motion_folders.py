@@ -5,7 +5,7 @@ import functools
 import os
 import pathlib
 import re
-from collections.abc import Container, Mapping
+from collections.abc import Container, Iterable, Mapping
 from typing import Any, NamedTuple, Unpack
 
 import numpy as np
@@ -135,6 +135,9 @@ def from_folders(
     once = {pair.reference.id: pair for pair in read}
     left_out = {"motion": len(motions) - len(clips), "reference": len(references) - len(once)}
     notes = _notes(read, list(once.values()), left_out)
+    sides = ((pathlib.Path(motion), motions), (pathlib.Path(reference), references))
+    from_folder = [path for side, found in sides if side.is_dir() for path in found.values()]
+    notes += not_read(from_folder, [pair.audio for pair in pairs if pair.audio is not None])
     return Folders(
         [pair.motion for pair in read], [pair.reference for pair in once.values()], load_skeleton(skeleton), notes
     )
@@ -227,6 +230,30 @@ def find_sounds(folders: set[pathlib.Path]) -> dict[tuple[pathlib.Path, str], pa
         for path in sorted(files, key=lambda path: (ranks[path.suffix.lower()], path)):
             sounds.setdefault(sound_key(path), path)
     return sounds
+
+
+def not_read(motions: Iterable[pathlib.Path], sounds: Iterable[pathlib.Path]) -> list[str]:
+    """Return sentences on the other motions and the other sounds that lie beside those that are read of a clip.
+
+    A `.json` does not count, as it may hold words.
+    """
+    notes = []
+    for kind, paths, suffixes in (
+        ("motion", set(motions), {*SUFFIXES} - {".json"}),
+        ("sound", set(sounds), {*AUDIO_SUFFIXES}),
+    ):
+        read = {sound_key(path): path for path in paths}
+        files = (path for folder in {path.parent for path in paths} for path in folder.iterdir())
+        others = sorted(
+            path
+            for path in files
+            if path.suffix.lower() in suffixes and path not in paths and sound_key(path) in read
+            if kind == "sound" or is_motion(path)
+        )
+        if others:
+            example = f"{shown(others[0].name)} beside {shown(read[sound_key(others[0])].name)}"
+            notes.append(f"files of {kind} that are not read, as another is of the same clip: {len(others)}, {example}")
+    return notes
 
 
 def sound_key(path: pathlib.Path) -> tuple[pathlib.Path, str]:

@@ -121,6 +121,22 @@ def test_one_reference_file_is_that_of_all_motion(write):
         assert [clip.id for clip in folders.reference] == ["person"] and not folders.notes
 
 
+def test_a_second_motion_or_sound_of_a_clip_is_named(write):
+    motion, reference = write("motion", ["a", "b_gestures"]), write("reference", ["a", "b"])
+    (motion / "a.bvh").write_text("HIERARCHY")
+    (motion / "b.json").write_text('{"words": []}')
+    (reference / "notes.txt").touch()
+    for suffix in (".wav", ".flac"):
+        write_sound(reference / f"a{suffix}")
+    left = "that are not read, as another is of the same clip"
+    assert from_folders(motion, reference).notes == [
+        f"files of motion {left}: 1, a.bvh beside a.npz",
+        f"files of sound {left}: 1, a.flac beside a.wav",
+    ]
+    [note] = from_folders(motion / "a.npz", reference / "a.npz").notes
+    assert note.startswith("files of sound")
+
+
 def test_words_beside_motion_are_no_motion(write, tmp_path):
     motion, reference = write("motion", ["a"]), write("reference", ["a"])
     (reference / "a.json").write_text('{"words": []}')

@@ -4,6 +4,7 @@ import datetime
 import hashlib
 import itertools
 import json
+import logging
 import pathlib
 import secrets
 from collections.abc import Mapping, Sequence
@@ -25,7 +26,7 @@ from ha2g_jax.apps.user_study.design import (
 )
 from ha2g_jax.apps.user_study.pages import DEFAULT_TITLE, Wording, read_wording, write_site
 from ha2g_jax.errors import UserError
-from ha2g_jax.evaluation.motion_folders import find_motions, find_sounds, sound_key
+from ha2g_jax.evaluation.motion_folders import find_motions, find_sounds, not_read, sound_key
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.features.espeak import Voice, say
 from ha2g_jax.files.reading import file_sha256, resolved, shown
@@ -37,6 +38,8 @@ from ha2g_jax.motion.readers import Reading, check_reading, read_motion
 from ha2g_jax.motion.readers.recordings import other_rate
 from ha2g_jax.progress import progress_bar
 from ha2g_jax.skeleton import SKELETONS, load_skeleton
+
+_logger = logging.getLogger(__name__)
 
 _ID_LETTERS = 16
 MIN_SECONDS, MAX_SECONDS = 1.0, 120.0  # of a clip
@@ -183,7 +186,10 @@ def read_sources(
     found = {name: find_motions(folder) for name, folder in systems.items()}
     names = _choose(_common(found), clips, seed)
     paths = _find_sounds(systems, found, names, speech)
-    check_reading([path for files in found.values() for path in files.values()], **reading)
+    motion_paths = [path for files in found.values() for path in files.values()]
+    check_reading(motion_paths, **reading)
+    for note in not_read(motion_paths, paths.values()):
+        _logger.warning(note)
     fits = {read_motion(files[names[0]], **reading).meta["skeleton"] for files in found.values()}
     skeleton = max(fits, key=SKELETONS.index)  # the one with the most joints that the motion of every system has
     motions: dict[str, dict[str, Motion]] = {name: {} for name in systems}

@@ -6,6 +6,7 @@ import importlib.resources
 import json
 import pathlib
 import re
+import shutil
 
 import av
 import numpy as np
@@ -105,6 +106,14 @@ def test_sound_and_motion_are_cut_to_the_shortest(tmp_path, write_motions):
     [sound] = cut.sounds.values()
     assert abs(sound[-1]) < 1e-6
     assert {motion.num_frames for motions in cut.motions.values() for motion in motions.values()} <= {22, 23}
+
+
+def test_a_second_sound_of_a_clip_is_named(tmp_path, write_motions, caplog):
+    systems = name_systems(write_motions(tmp_path))
+    first = min((tmp_path / "speech").iterdir())
+    shutil.copy(first, first.with_suffix(".flac"))
+    read_sources(systems, speech=tmp_path / "speech")
+    assert f"not read, as another is of the same clip: 1, {first.stem}.flac beside {first.name}" in caplog.text
 
 
 def test_names_are_taken_as_they_are(tmp_path, write_motions, monkeypatch):
