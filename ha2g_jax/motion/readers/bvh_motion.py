@@ -179,7 +179,8 @@ def read_tree(path: str | os.PathLike, source_fps: float | None = None) -> Bvh:
         head = file.read(_HEAD).lstrip()
     if head.startswith(MAGIC) or (path.suffix.lower() in (".glb", ".vrma") and not head.startswith(b"HIERARCHY")):
         return read_gltf(path, source_fps)
-    return read_csv(path, source_fps) if is_csv(path) else read_bvh(path, source_fps)
+    is_table = is_csv(path) or (path.suffix.lower() == ".csv" and b"HIERARCHY" not in head.upper())
+    return read_csv(path, source_fps) if is_table else read_bvh(path, source_fps)
 
 
 def to_motion(

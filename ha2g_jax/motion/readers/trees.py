@@ -23,11 +23,13 @@ TABLE = ("fps", "joints", "frames")
 CSV = b"frame,time,"
 """Beginning of a `.csv` that `ha2g export` writes."""
 
+_SEPARATORS = (b",", b";", b"\t")  # the others are those of spreadsheets
 _EXPECTED = "a table of ha2g export"
 _TURNS = ("Zrotation", "Xrotation", "Yrotation")
 _MAX_PLACE = 1e6  # from the origin, in any unit
 _MAX_ERROR = 0.35  # of the length of a quaternion
 _ALIKE = 1e-4  # relative difference from a usual rate that rounded times explain
+_MAX_UNEVEN = 0.5  # of the usual step of time
 
 
 def to_bvh(armature: Armature, local: np.ndarray, places: Mapping[int, np.ndarray], fps: float) -> Bvh:
@@ -95,22 +97,32 @@ def read_json(content: Mapping[str, Any], path: pathlib.Path) -> Bvh:
 
 
 def is_csv(path: pathlib.Path) -> bool:
-    """Return whether a file begins as a `.csv` of `ha2g export`."""
+    """Return whether a file begins as a `.csv` of `ha2g export`, or as one that a spreadsheet has saved again."""
     with contextlib.suppress(OSError), path.open("rb") as file:
-        return file.read(len(codecs.BOM_UTF8 + CSV)).removeprefix(codecs.BOM_UTF8).startswith(CSV)
+        head = file.read(len(codecs.BOM_UTF8 + CSV) + 4).removeprefix(codecs.BOM_UTF8).replace(b'"', b"")
+        return head.startswith(tuple(CSV.replace(b",", separator) for separator in _SEPARATORS))
     return False
 
 
 def read_csv(path: pathlib.Path, fps: float | None = None) -> Bvh:
     """Read a `.csv` that `ha2g export` wrote; the names of its joints tell the rig, which has their tree.
 
-    The frame rate is `fps`, or by default that of the times of the frames.
+    The frame rate is `fps`, or by default that of the times of the frames. A spreadsheet may have put semicolons or
+    tabs between the values, and then commas for points.
 
     Raises:
-        UserError: the joints are those of no rig, a number is missing, or the values are no motion.
+        UserError: the file begins otherwise, the joints are those of no rig, a number or a frame is missing, or the
+            values are no motion.
     """
+    if not is_csv(path):
+        raise UserError(
+            f"{shown(path)} is not {_EXPECTED}: its first line has to begin with {CSV.decode()} in UTF-8, separated by "
+            "commas, semicolons or tabs"
+        )
     with reading(path, _EXPECTED), path.open(encoding="utf-8-sig") as file:
-        names = file.readline(limits.MAX_BVH_HEADER).strip().split(",")
+        head = file.readline(limits.MAX_BVH_HEADER).strip().replace('"', "")
+        separator = head.removeprefix("frame")[0]
+        names = head.split(separator)
         joints = tuple(name.removesuffix("_qw") for name in names if name.endswith("_qw"))
         armature = next((each for each in _armatures() if each.joints == joints), None)
         if armature is None:
@@ -122,18 +134,35 @@ def read_csv(path: pathlib.Path, fps: float | None = None) -> Bvh:
         lines = file.readlines()
         if not lines:
             raise UserError(f"{shown(path)} has no frames; export it again")
-        table = np.loadtxt(lines, delimiter=",", usecols=[names.index("time"), *columns], ndmin=2, comments=None)
+        usecols = [names.index("time"), *columns]
+        texts = lines if separator == "," else (line.replace(",", ".") for line in lines)
+        table = np.loadtxt(texts, delimiter=separator, usecols=usecols, ndmin=2, comments=None, quotechar='"')
     times, values = table[:, 0], table[:, 1:]
     places = values[:, : 3 * len(joints)].reshape(-1, len(joints), 3)
     with naming(path):
-        if fps is None and not (len(times) > 1 and (np.diff(times) > 0).all()):
-            raise UserError("its times do not tell the frames per second; state them (--source-fps)")
+        rate = fps or _rate_of(times)
         local = as_rotations(values[:, 3 * len(joints) :].reshape(-1, len(joints), 4))
         parents = np.maximum(armature.parents, 0)
         turned, _ = world(Animation(armature, local, places[:, 0], 1.0, {}))
         bones = rotations.rotate(rotations.conjugate(turned[:, parents]), places - places[:, parents])
         armature = Armature(armature.name, joints, armature.parents, bones.mean(axis=0), armature.rest)
-        return to_bvh(armature, local, {0: places[:, 0]}, fps or frame_rate(times))
+        return to_bvh(armature, local, {0: places[:, 0]}, rate)
+
+
+def _rate_of(times: np.ndarray) -> float:
+    """Return the frames per second of the times (T,) of a table, which begin in its row 2."""
+    steps = np.diff(times)
+    if not len(steps) or not (steps > 0).all():
+        raise UserError("its times do not tell the frames per second; state them (--source-fps)")
+    usual = np.median(steps)
+    uneven = np.flatnonzero(np.abs(steps - usual) > _MAX_UNEVEN * usual)
+    if len(uneven):
+        row = uneven[0]
+        raise UserError(
+            f"its times have a gap at row {row + 3}, {steps[row]:.3g} s after the row before it, not {usual:.3g} s; "
+            "give every frame"
+        )
+    return frame_rate(times)
 
 
 def _armatures() -> Iterator[Armature]:

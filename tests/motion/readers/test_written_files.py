@@ -16,6 +16,7 @@ from fixtures.motions import swaying
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ha2g_jax.errors import UserError
 from ha2g_jax.motion import formats, rotations, solver
 from ha2g_jax.motion.armature import Animation, carriers, export_axes, ha2g_armature, world
 from ha2g_jax.motion.motion import Motion
@@ -156,3 +157,37 @@ def test_legs_and_place_come_back(skeleton, files, tmp_path):
         np.testing.assert_allclose(found.lower.translation + floor, written.lower.translation, atol=1e-3)
         if rig != "unreal":  # legs of the table's own length
             np.testing.assert_allclose(found.lower.positions() + floor, written.lower.positions(), atol=1e-3)
+
+
+def as_spreadsheet(text: str, separator: str, point: str = ".", quote: str = "") -> str:
+    """A table as a spreadsheet saves it."""
+    rows = [[f"{quote}{value.replace('.', point)}{quote}" for value in row.split(",")] for row in text.splitlines()]
+    return "\n".join(separator.join(row) for row in rows)
+
+
+@pytest.mark.parametrize("form", [(";", ","), (";",), ("\t", ","), (",", ".", '"')])
+def test_a_table_that_a_spreadsheet_saved_is_the_same_motion(form, tmp_path):
+    formats.export(swaying(frames=9, fps=30), tmp_path / "x.csv")
+    written = read_motion(tmp_path / "x.csv")
+    (tmp_path / "x.csv").write_text(as_spreadsheet((tmp_path / "x.csv").read_text(), *form))
+    found = read_motion(tmp_path / "x.csv")
+    np.testing.assert_array_equal(found.positions, written.positions)
+    assert found.fps == written.fps == 30
+
+
+def test_a_table_in_another_form_is_not_taken_for_another_format(tmp_path):
+    formats.export(swaying(frames=9), tmp_path / "x.csv")
+    text = (tmp_path / "x.csv").read_text()
+    for content in (text.encode("utf-16"), text.replace(",", "|").encode(), b"words\n"):
+        (tmp_path / "x.csv").write_bytes(content)
+        with pytest.raises(UserError, match=r"x\.csv is not a table of ha2g export: its first line .* frame,time,"):
+            read_motion(tmp_path / "x.csv")
+
+
+def test_a_table_that_lacks_frames_is_refused(tmp_path):
+    formats.export(swaying(frames=60, fps=30), tmp_path / "x.csv")
+    lines = (tmp_path / "x.csv").read_text().splitlines()
+    (tmp_path / "x.csv").write_text("\n".join(lines[:21] + lines[41:]))  # without frames 20 to 39
+    with pytest.raises(UserError, match=r"x\.csv: its times have a gap at row 22, 0\.7 s after .* not 0\.0333 s"):
+        read_motion(tmp_path / "x.csv")
+    assert read_motion(tmp_path / "x.csv", source_fps=30).num_frames == 40
