@@ -90,7 +90,7 @@ def _add_analyse(commands: Any) -> None:
     command.description = (
         "Check the answers of participants, leave out those that cannot be used, with the reason, and compute mean "
         "opinion scores, preferences, strengths, the share of matched motion and agreement, with intervals. See "
-        "docs/user_study.md."
+        "docs/user_study.md. The exit code is 1 if no participant is left."
     )
     command.add_argument(
         "answers", type=pathlib.Path, nargs="+", metavar="ANSWERS", help="answer files, or folders of .json files"
@@ -106,11 +106,12 @@ def _add_analyse(commands: Any) -> None:
     command.set_defaults(run=_analyse)
 
 
-def _analyse(arguments: argparse.Namespace) -> None:
+def _analyse(arguments: argparse.Namespace) -> int:
     from ha2g_jax.apps.user_study import analysis, study_report
 
     results = analysis.analyse(arguments.answers, arguments.study)
     print(study_report.write_report(results, arguments.out) if arguments.out else study_report.as_markdown(results))
+    return 0 if results["participants"] else 1
 
 
 def _add_power(commands: Any) -> None:
