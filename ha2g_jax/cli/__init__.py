@@ -57,8 +57,9 @@ def main(argv: list[str] | None = None) -> int:
 
     Returns:
         0; 1 if `doctor`, `data inspect --check` or `genea check` find an error, if `study analyse` has no participant
-        left, or for an error of this program, whose traceback is printed; 2 for a mistake of the user or an error of the system, such as a full disk; 130 for
-        Ctrl-C, 141 if the reader of the output has stopped reading, and 143 if `live` is ended by SIGTERM.
+        left, or for an error of this program, whose traceback is printed; 2 for a mistake of the user or an error of
+        the system, such as a full disk; 130 for Ctrl-C, 141 if the reader of the output has stopped reading, and 143 if
+        `live` is ended by SIGTERM.
 
     Raises:
         SystemExit: SIGTERM ended another command, with code 143.
