@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from ha2g_jax.evaluation.charts import Mark, html_table, interval_chart, markdown, number
-from ha2g_jax.files.writing import whole_file
+from ha2g_jax.files.writing import whole_file, writing
 
 _TESTS = ("p", "p, Holm", "exact p [95 %]", "equal as half")
 _INTERVALS = """\
@@ -64,6 +64,9 @@ kappa of ratings is low as a rule."""
 
 PAGE, MARKDOWN, NUMBERS = "report.html", "report.md", "report.json"
 """Files of the folder; charts are beside them as `.svg`."""
+
+CHARTS = frozenset({"opinion", "differences", "strengths", "mismatch"})
+"""Names of the charts; a report has those that its answers allow."""
 
 _SPECIAL = re.compile(r"([\\`*_\[\]~$@]|:(?=//)|(?<=www)\.)")  # links that are made without brackets, too
 
@@ -258,10 +261,10 @@ def _count(count: int, noun: str) -> str:
 def write_report(results: Mapping[str, Any], out: pathlib.Path) -> pathlib.Path:
     """Write the report as HTML, as Markdown with charts, and as JSON, and return the path of the HTML page.
 
-    Each file is written atomically.
+    Each file is written atomically. Charts of an earlier report in the folder that this one does not have are removed.
 
     Raises:
-        UserError: a file cannot be written, or matplotlib is missing.
+        UserError: a file cannot be written or removed, or matplotlib is missing.
     """
     found = sections(results)
     charts = [part for section in found for part in section.parts if isinstance(part, Chart)]
@@ -277,6 +280,9 @@ def write_report(results: Mapping[str, Any], out: pathlib.Path) -> pathlib.Path:
     for name, text in files.items():
         with whole_file(out / name) as temporary:
             temporary.write_text(text, encoding="utf-8", errors="replace")
+    with writing(out):
+        for name in CHARTS - drawn.keys():
+            (out / f"{name}.svg").unlink(missing_ok=True)
     return out / PAGE
 
 

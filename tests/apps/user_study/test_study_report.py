@@ -1,6 +1,7 @@
 """The report: all parts are there, free text is shown and never run, and degenerate studies are reported honestly."""
 
 import json
+import re
 from xml.etree import ElementTree
 
 import numpy as np
@@ -46,10 +47,19 @@ def test_the_page_has_all_parts_and_no_script(folder):
     assert "<script>alert(1)</script> <img src=x onerror=alert(1)>" in found.text and "\u202e" not in page.read_text()
     assert "Gestures <b>of</b> $body" in found.text and "x<script>alert(2)<!--.json" in found.text
     charts = sorted(path.name for path in (folder / "report").glob("*.svg"))
-    assert charts == ["differences.svg", "mismatch.svg", "opinion.svg", "strengths.svg"]
+    assert charts == sorted(f"{name}.svg" for name in study_report.CHARTS)
     for name in charts:
         ElementTree.parse(folder / "report" / name)
         assert f"]({name})" in (folder / "report" / "report.md").read_text()
+
+
+def test_charts_of_an_earlier_report_are_removed(folder):
+    study_report.write_report(run(folder), folder / "report")
+    write_study(folder / "other", 3, num_systems=1)
+    page = study_report.write_report(run(folder / "other"), folder / "report")
+    charts = {path.stem for path in page.parent.glob("*.svg")}
+    assert charts == set(re.findall(r"\]\((\w+)\.svg\)", page.with_suffix(".md").read_text()))
+    assert charts < set(study_report.CHARTS)
 
 
 def test_markdown_shows_free_text_as_it_is(folder):
