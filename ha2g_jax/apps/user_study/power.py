@@ -16,7 +16,7 @@ import numpy as np
 from scipy import optimize, special
 
 from ha2g_jax.apps.user_study.answers import Choices, Ratings, choices_of, ratings_of, read_answers
-from ha2g_jax.apps.user_study.design import Key
+from ha2g_jax.apps.user_study.design import POINTS, Key
 from ha2g_jax.apps.user_study.estimates import LEVEL, crossed, interval, ratio
 from ha2g_jax.errors import UserError
 from ha2g_jax.progress import progress_bar
@@ -69,8 +69,11 @@ def of_difference(difference: float, spreads: Spreads, plan: Plan) -> Simulation
         UserError: a number is out of range.
     """
     _check(plan)
-    if not (difference and np.isfinite(difference)) or not all(0 <= sd < np.inf for sd in spreads):
-        raise UserError("a difference is a number other than 0, and standard deviations are numbers from 0 up")
+    widest = POINTS[1] - POINTS[0]
+    if not 0 < abs(difference) <= widest:
+        raise UserError(f"a difference of {difference:g}; give one other than 0 and from -{widest} to {widest}")
+    if not all(0 <= sd < np.inf for sd in spreads) or not any(spreads):
+        raise UserError("standard deviations are numbers from 0 up, and not all of them are 0, as answers differ")
 
     def simulate(random: np.random.Generator, count: int, participants: int) -> np.ndarray:
         shape = (count, participants, plan.clips)

@@ -75,6 +75,8 @@ def test_corrections_and_equal_choices_cost_power():
     [
         (power.of_difference, np.nan, Spreads(1, 1, 1), Plan(5, 5)),
         (power.of_difference, 1, Spreads(1, 1, 1), Plan(5, 6)),
+        (power.of_difference, -4.1, Spreads(1, 1, 1), Plan(5, 5)),
+        (power.of_difference, 1, Spreads(0, 0, 0), Plan(5, 5)),
         (power.of_share, 0.95, Spreads(0.4, 0), Plan(5, 5)),
         (power.of_share, 0.6, Spreads(0, 0), Plan(5, 5, equal=1)),
     ],
