@@ -1,5 +1,6 @@
 """A pack of samples for the GENEA leaderboard, as a folder or a `.zip` with a manifest: written, and checked."""
 
+import contextlib
 import hashlib
 import json
 import pathlib
@@ -47,6 +48,7 @@ ZIP = ".zip"
 
 _FILE = re.compile(r"sample_([1-9][0-9]?)/([^/]+)\.npz")
 _EXPECTED = "a pack of ha2g genea: a folder or a .zip"
+_ARCHIVES = (".7z", ".bz2", ".gz", ".rar", ".tar", ".tgz", ".xz", ".zst")
 _GENDERS = ("neutral", "female", "male")
 _MAX_FILES = 100_000
 
@@ -80,9 +82,13 @@ def write_pack(
         body_model: SMPL-X body model (.npz), with which a person without a place stands on the floor.
 
     Raises:
-        UserError: `out` exists, a file cannot be used, names do not meet, or the pack cannot be written.
+        UserError: `out` exists or has the suffix of another archive than .zip, a file cannot be used, names do not
+            meet, or the pack cannot be written.
     """
     check_new(out)
+    if out.suffix.lower() in _ARCHIVES:
+        name = f"{out.name.partition('.')[0]}{ZIP}"
+        raise UserError(f"a pack is a folder or a .zip, not {shown(out)}; name it {shown(name)}")
     paths = _by_name(find_speech([speech]))
     shape_of = {} if shapes is None else read_shapes(shapes, list(paths))
     body = None if body_model is None else read_body_model(body_model)
@@ -163,11 +169,11 @@ def check_pack(pack: pathlib.Path, speech: pathlib.Path | None = None) -> Verdic
     findings, but may have notes, as of a missing manifest.
 
     Raises:
-        UserError: there is no pack.
+        UserError: there is no pack, or its manifest or the speech cannot be used.
     """
     if pack.is_dir():
         paths = {path.relative_to(pack).as_posix(): path for path in sorted(pack.rglob("*")) if path.is_file()}
-        return _check(paths, paths.__getitem__, speech)
+        return _check(pack, paths, paths.__getitem__, speech)
     check_regular(pack, _EXPECTED)
     damage = (zipfile.BadZipFile, NotImplementedError, RuntimeError)
     with reading(pack, _EXPECTED, *damage), zipfile.ZipFile(pack) as archive, tempfile.TemporaryDirectory() as folder:
@@ -183,14 +189,16 @@ def check_pack(pack: pathlib.Path, speech: pathlib.Path | None = None) -> Verdic
                 raise UserError(f"it cannot be unpacked ({error or type(error).__name__})") from error
             return path
 
-        return _check(names, unpacked, speech)
+        return _check(pack, names, unpacked, speech)
 
 
-def _check(names: Collection[str], path_of: Callable[[str], pathlib.Path], speech: pathlib.Path | None) -> Verdict:
+def _check(
+    pack: pathlib.Path, names: Collection[str], path_of: Callable[[str], pathlib.Path], speech: pathlib.Path | None
+) -> Verdict:
     findings: list[str] = []
     notes: list[str] = []
     if not any(_FILE.fullmatch(name) for name in names) or len(names) > _MAX_FILES:
-        raise UserError(f"no file sample_1/CLIP.npz in it; expected {_EXPECTED}")
+        raise UserError(f"no file sample_1/CLIP.npz in {shown(pack)}; expected {_EXPECTED}")
     files: dict[str, dict[int, _File]] = defaultdict(dict)
     with progress_bar("checking", len(names), "file") as bar:
         for name in names:
@@ -207,7 +215,7 @@ def _check(names: Collection[str], path_of: Callable[[str], pathlib.Path], speec
     for clip, each in files.items():
         _check_clip(clip, each, numbers, findings)
     if MANIFEST in names:
-        _check_manifest(_read_manifest(path_of(MANIFEST)), files, findings)
+        _check_manifest(_read_manifest(pack, path_of), files, findings)
     else:
         notes.append(f"no {MANIFEST}: hashes are not checked")
     if speech is not None:
@@ -273,10 +281,14 @@ def _check_clip(clip: str, files: Mapping[int, _File], numbers: set[int], findin
         findings.append(f"two samples of {shown(clip)} are the same motion; a system without randomness gives one")
 
 
-def _read_manifest(path: pathlib.Path) -> Mapping[str, Any]:
-    content = read_json(path, "the manifest of a pack", MAX_RECORD_BYTES)
+def _read_manifest(pack: pathlib.Path, path_of: Callable[[str], pathlib.Path]) -> Mapping[str, Any]:
+    content = None
+    with contextlib.suppress(UserError):  # it may name the temporary place of a file of a .zip
+        content = read_json(path_of(MANIFEST), "the manifest of a pack", MAX_RECORD_BYTES)
     if not isinstance(content, dict) or content.get("format") != FORMAT or not isinstance(content.get("clips"), dict):
-        raise UserError(f"{MANIFEST} is not the manifest of a pack; write the pack again, or leave it out")
+        raise UserError(
+            f"{MANIFEST} of {shown(pack)} is damaged or not that of a pack; write the pack again, or leave it out"
+        )
     return content["clips"]
 
 

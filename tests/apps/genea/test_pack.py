@@ -232,9 +232,19 @@ def test_a_damaged_zip_and_a_folder_of_something_else_are_refused(pack, tmp_path
     data[data.index(b"PK\x01\x02") // 3] ^= 0xFF  # within a member
     (tmp_path / "flipped.zip").write_bytes(data)
     assert check_pack(tmp_path / "flipped.zip").findings  # of one file; the others are checked
-    for path in (tmp_path / "cut.zip", tmp_path / "none.zip", pack / "sample_1"):
-        with pytest.raises(UserError, match=r"^[^\n]+$"):
+    with zipfile.ZipFile(tmp_path / "broken.zip", "w") as broken:
+        broken.write(pack / FILE, FILE)
+        broken.writestr("manifest.json", "{")
+    for path in (*(tmp_path / f"{name}.zip" for name in ("cut", "none", "broken")), pack / "sample_1"):
+        with pytest.raises(UserError, match=rf"^[^\n]*{re.escape(str(path))}[^\n]*$"):
             check_pack(path)
+
+
+@pytest.mark.parametrize("name", ["p.tar", "p.tar.gz", "p.7z"])
+def test_another_archive_than_a_zip_is_refused_before_the_work(name, speech, tmp_path):
+    with pytest.raises(UserError, match=r"p\.[^ ]+; name it p\S*\.zip$"):
+        write_pack(speech, tmp_path / name, checkpoint="nowhere")
+    assert not list(tmp_path.iterdir())
 
 
 LEGS = [JOINTS.index(f"{side}_{part}") for side in ("left", "right") for part in ("hip", "knee", "ankle")]
