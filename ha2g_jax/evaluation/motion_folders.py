@@ -196,8 +196,10 @@ def list_motions(folder: pathlib.Path) -> dict[str, pathlib.Path]:
         Path of the file by its path in the folder, without the suffix.
 
     Raises:
-        UserError: there is no folder, or no motion in it.
+        UserError: there is no folder, or no motion in it, or it is a .zip.
     """
+    if folder.is_file() and folder.suffix.lower() == ".zip":
+        raise UserError(f"{shown(folder)} is a .zip, such as a pack of ha2g genea; unpack it and give the folder")
     if folder.is_file():
         return {folder.stem: folder}
     if not folder.is_dir():

@@ -146,6 +146,9 @@ def test_words_beside_motion_are_no_motion(write, tmp_path):
 def test_folders_that_cannot_be_evaluated_are_refused(write, tmp_path):
     motion = write("motion", ["a", "b"])
     (tmp_path / "empty").mkdir()
+    (tmp_path / "pack.zip").write_bytes(b"PK\x05\x06")
+    with pytest.raises(UserError, match=r"pack\.zip is a \.zip.*; unpack it and give the folder$"):
+        from_folders(tmp_path / "pack.zip", write("true", ["talk"]))
     with pytest.raises(UserError, match=r"no motion in .*empty; expected files of \.npz, \.bvh, \.glb"):
         from_folders(motion, tmp_path / "empty")
 
