@@ -5,9 +5,9 @@ import pathlib
 import sys
 from typing import Any
 
+from ha2g_jax.cli.parser import MODEL
 from ha2g_jax.progress import stage
 
-_MODEL = "'demo', a workdir of ha2g train, a checkpoint in it, or a model folder"
 WEIGHTS = ("float32", "float16", "int8")
 
 
@@ -18,20 +18,32 @@ def add_commands(commands: Any) -> None:
     parts = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
 
     export = parts.add_parser("export", help="write the model of a workdir as a folder of safetensors and JSON")
-    export.add_argument("checkpoint", metavar="MODEL", help=_MODEL)
+    export.description = (
+        "Write a model as a folder of config.json, assets.json and model.safetensors, which hold what generation needs."
+    )
+    export.add_argument("checkpoint", metavar="MODEL", help=MODEL)
     export.add_argument("out", type=pathlib.Path, metavar="FOLDER", help="folder to write")
     export.set_defaults(run=_export)
 
     onnx = parts.add_parser("onnx", help="write a model as an ONNX file, for browsers, engines and fast starts")
-    onnx.add_argument("checkpoint", metavar="MODEL", help=_MODEL)
+    onnx.description = "Write a model as an ONNX file, which ha2g generate takes as --checkpoint. See docs/onnx.md."
+    onnx.add_argument("checkpoint", metavar="MODEL", help=MODEL)
     onnx.add_argument("-o", "--out", type=pathlib.Path, required=True, metavar="FILE", help=".onnx file to write")
     add_weights(onnx)
     onnx.add_argument("--page", action="store_true", help="also write model.json beside it, which ha2g-web reads")
     onnx.set_defaults(run=_onnx)
 
     publish = parts.add_parser("publish", help="publish a model on the Hugging Face Hub, with a model card")
-    publish.add_argument("checkpoint", metavar="MODEL", help=_MODEL)
-    publish.add_argument("name", metavar="OWNER/NAME", help="repository on the Hub, which is made if there is none")
+    publish.description = (
+        "Publish a model as one commit on the Hugging Face Hub, with a model card, and print the name that loads it. "
+        "See docs/hub.md."
+    )
+    publish.add_argument("checkpoint", metavar="MODEL", help=MODEL)
+    publish.add_argument(
+        "name",
+        metavar="OWNER/NAME[@BRANCH]",
+        help="repository on the Hub, which is made if there is none, and a branch that it has (default: main)",
+    )
     publish.add_argument("--license", required=True, help="licence of the model, such as apache-2.0 or cc-by-4.0")
     publish.add_argument("--scores", type=pathlib.Path, help="Markdown for the card, of ha2g evaluate --markdown")
     publish.add_argument("--private", action="store_true", help="make a new repository private")
@@ -52,7 +64,7 @@ def add_commands(commands: Any) -> None:
     average.description = (
         "Write a model whose weights are the mean of those of models that were trained from the same weights."
     )
-    average.add_argument("models", nargs="+", metavar="MODEL", help=_MODEL)
+    average.add_argument("models", nargs="+", metavar="MODEL", help=MODEL)
     average.add_argument("-o", "--out", type=pathlib.Path, required=True, metavar="FOLDER", help="folder to write")
     average.set_defaults(run=_average)
 

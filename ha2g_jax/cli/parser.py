@@ -13,6 +13,7 @@ _MAX_DIGITS = 9
 READING = ("joint_map", "source_fps", "unit")
 """Options of `add_reading`."""
 
+MODEL = "'demo', a workdir of ha2g train, a checkpoint in it, a model folder or hf://OWNER/NAME"
 CONFIG = "a preset, such as talk:small or trimodal:talk:small, or FILE[:SIZE], as for ha2g train"
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from ha2g_jax.apps.serve.settings import Settings
 from ha2g_jax.cli.model import add_weights
-from ha2g_jax.cli.parser import positive
+from ha2g_jax.cli.parser import MODEL, positive
 
 _DEFAULT = Settings()
 _MEBIBYTE = 1 << 20
@@ -72,7 +72,7 @@ def add_commands(commands: Any) -> None:
         "checkpoint",
         nargs="?",
         default="demo",
-        help="'demo', a workdir of ha2g train, a checkpoint in it, or a model folder (default: demo)",
+        help=f"{MODEL} (default: demo)",
     )
     web.add_argument(
         "-o",

@@ -5,7 +5,7 @@ import json
 import pathlib
 from typing import Any
 
-from ha2g_jax.cli.parser import CONFIG, positive, refuse_others
+from ha2g_jax.cli.parser import CONFIG, MODEL, positive, refuse_others
 
 _SORTS = ("name", "step", "best", "state", "changed")
 _BENCHMARK = ("batch_size", "precision", "steps", "table1")
@@ -53,7 +53,7 @@ def add_commands(commands: Any) -> None:
         "--checkpoint",
         nargs="+",
         metavar="MODEL",
-        help="with --gradients, runs or models to measure as well; with --benchmark, the model that generates "
+        help=f"{MODEL}: with --gradients, models to measure as well; with --benchmark, the one that generates "
         "(default: demo)",
     )
     speed = doctor.add_argument_group("speed, with --benchmark")

@@ -125,6 +125,14 @@ def test_every_option_is_in_one_of_the_tables():
         assert options == sometimes | {*ALWAYS[name].split()}, name
 
 
+def test_every_command_is_described_and_every_model_may_be_one_of_the_hub():
+    for name, parser in PARSERS.items():
+        assert parser.description or name == "train", name
+        for action in parser._actions:
+            if action.dest in ("checkpoint", "models"):
+                assert "hf://OWNER/NAME" in (action.help or ""), name
+
+
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     skeleton = load_skeleton("ted_expressive")
