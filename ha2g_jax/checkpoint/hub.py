@@ -43,7 +43,10 @@ def parse_name(name: str) -> tuple[str, str | None]:
     """
     found = _NAME.fullmatch(name.removeprefix(PREFIX))
     if not found or ".." in name:
-        raise UserError(f"{shown(name)} is not the name of a model on the Hub; expected hf://OWNER/NAME@REVISION")
+        expected = f"{PREFIX if is_hub_name(name) else ''}OWNER/NAME"
+        raise UserError(
+            f"'{shown(name)}' is not the name of a model on the Hub; expected {expected} or {expected}@REVISION"
+        )
     return found[1], found[2]
 
 

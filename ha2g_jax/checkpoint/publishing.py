@@ -44,7 +44,7 @@ def publish(
     """Publish a model as one commit on the Hub, and return the name to load it by, hf://OWNER/NAME@COMMIT.
 
     Args:
-        name: OWNER/NAME.
+        name: OWNER/NAME, or OWNER/NAME@BRANCH for another branch than main, which the repository has.
         licence: licence of the model, as the Hub names it, such as apache-2.0.
         scores: Markdown file of `ha2g evaluate --markdown`, which the card has.
 
@@ -53,7 +53,9 @@ def publish(
     """
     repository, _ = hub.parse_name(name)
     if not _LICENCE.fullmatch(licence):
-        raise UserError(f"{shown(licence)} is not the name of a licence; expected one such as apache-2.0 or cc-by-4.0")
+        raise UserError(
+            f"'{shown(licence)}' is not the name of a licence; expected one such as apache-2.0 or cc-by-4.0"
+        )
     table = "" if scores is None else _text(scores)
     model = model_folder.load(source)
     with tempfile.TemporaryDirectory() as temporary:

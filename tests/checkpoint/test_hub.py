@@ -28,6 +28,10 @@ def server(monkeypatch, tmp_path):
         yield server
 
 
+def publish(name):
+    return hub.publish(DEMO, "# card", name, is_private=False, message="Model")
+
+
 def test_published_models_are_loaded_by_name_and_commit(server, tmp_path, capsys):
     scores = tmp_path / "scores.md"
     scores.write_text("| beat F1 |\n|---|\n| 0.66 |\n")
@@ -47,14 +51,14 @@ def test_published_models_are_loaded_by_name_and_commit(server, tmp_path, capsys
 
 
 def test_a_commit_stays_what_it_was_when_the_branch_moves(server):
-    pinned = hub.publish(DEMO, "# first", "ada/talker")
+    pinned = publish("ada/talker")
     server.commit("ada/talker", {"config.json": b"{}"})
     assert (hub.fetch(pinned) / "config.json").read_bytes() == (DEMO / "config.json").read_bytes()
     assert (hub.fetch("hf://ada/talker") / "config.json").read_bytes() == b"{}"
 
 
 def test_files_that_do_not_belong_together_are_refused(server):
-    hub.publish(DEMO, "# card", "ada/talker")
+    publish("ada/talker")
     weights = bytearray((DEMO / "model.safetensors").read_bytes())
     weights[-1] ^= 1
     server.commit("ada/talker", {"model.safetensors": bytes(weights)})
@@ -63,14 +67,14 @@ def test_files_that_do_not_belong_together_are_refused(server):
 
 
 def test_without_a_connection_the_cache_is_used(server, monkeypatch):
-    pinned = hub.publish(DEMO, "# card", "ada/talker")
+    pinned = publish("ada/talker")
     hub.fetch("hf://ada/talker")
     monkeypatch.setenv("HF_ENDPOINT", "http://127.0.0.1:9")
     assert model_folder.load(pinned).assets.hash == model_folder.load("hf://ada/talker").assets.hash
     with pytest.raises(UserError, match="not in the cache"):
         hub.fetch("hf://ada/other")
     with pytest.raises(UserError, match="hf://ada/other cannot be used"):
-        hub.publish(DEMO, "# card", "hf://ada/other")
+        publish("hf://ada/other")
 
 
 def test_only_the_files_of_a_model_are_fetched_and_none_that_is_too_large(server, monkeypatch):
@@ -91,5 +95,17 @@ def test_only_the_files_of_a_model_are_fetched_and_none_that_is_too_large(server
     "name", ["hf://", "hf://ada", "hf://ada/../etc", "hf://ada/x/y", "hf://ada/x@", "hf://ada/x@a b", "hf://-a/x"]
 )
 def test_names_of_another_form_are_refused_before_the_network(name):
-    with pytest.raises(UserError, match="not the name of a model on the Hub"):
+    with pytest.raises(UserError, match=r"not the name of a model on the Hub; expected hf://OWNER/NAME or"):
         hub.parse_name(name)
+
+
+@pytest.mark.parametrize(
+    ("name", "licence", "said"),
+    [
+        ("ada", "mit", "'ada' is not the name of a model on the Hub; expected OWNER/NAME or OWNER/NAME@REVISION"),
+        ("ada/x", "", "'' is not the name of a licence; expected one such as apache-2.0 or cc-by-4.0"),
+    ],
+)
+def test_a_mistake_of_publish_is_told_in_the_form_of_its_argument(name, licence, said, capsys):
+    assert cli.main(["model", "publish", "demo", name, "--license", licence]) == 2
+    assert capsys.readouterr().err.endswith(f"ha2g: {said}\n")
