@@ -53,8 +53,9 @@ def test_gradient_of_each_shape_of_the_networks(shape, devices, monkeypatch):
 def test_gradient_of_any_shape(batch, edges, values, kernel, stride, padding):
     x, cotangent = arrays(edges[0], edges[1], values[0], values[1], kernel, stride, padding, batch)
     zeros = jnp.zeros((*kernel, *values))
+    ours = functools.partial(kernel_gradient, size=kernel, stride=stride, padding=padding)
     assert_equal(
-        kernel_gradient(x, cotangent, size=kernel, stride=stride, padding=padding),
+        jax.jit(ours)(x, cotangent),
         jax.jit(lambda zeros: jax.vjp(lambda it: direct_conv(x, it, stride, padding), zeros)[1](cotangent)[0])(zeros),
     )
 
@@ -101,16 +102,21 @@ WINOGRAD_SHAPES = [
 ]
 
 
+def native(x, kernel, cotangent, padding):
+    """Return XLA's convolution and the gradient of its kernel."""
+    out, transpose = jax.vjp(lambda kernel: convolution._native(x, kernel, (1, 1), padding), kernel)
+    return out, *transpose(cotangent)
+
+
 def check_winograd(height, width, inputs, channels, padding, batch=2):
     """Compare with direct convolutions in float64: in float32 those of XLA err by up to 2e-5."""
     x, cotangent = arrays(height, width, inputs, channels, (3, 3), (1, 1), padding, batch)
     kernel = jnp.asarray(np.random.default_rng(1).normal(size=(3, 3, inputs, channels)), jnp.float32)
     with jax.enable_x64(True):
         exact = [jnp.asarray(array, jnp.float64) for array in (x, kernel, cotangent)]
-        out, transpose = jax.vjp(lambda kernel: convolution._native(exact[0], kernel, (1, 1), padding), exact[1])
-        out, (gradient,) = np.asarray(out), map(np.asarray, transpose(exact[2]))
-    assert_equal(winograd.conv(x, kernel, padding), out, 3e-6)
-    assert_equal(winograd.kernel_gradient(x, cotangent, padding), gradient, 3e-6)
+        out, gradient = map(np.asarray, jax.jit(native, static_argnums=3)(*exact, padding))
+    assert_equal(jax.jit(winograd.conv, static_argnums=2)(x, kernel, padding), out, 3e-6)
+    assert_equal(jax.jit(winograd.kernel_gradient, static_argnums=2)(x, cotangent, padding), gradient, 3e-6)
 
 
 @pytest.mark.parametrize("shape", WINOGRAD_SHAPES, ids=str)
