@@ -102,6 +102,8 @@ def _parse(argv: list[str]) -> tuple[Any, Config]:
     changes of the flags.
     """
     spec, argv = _take_spec(argv)
+    if not spec:
+        raise UserError(f"--config is missing; see {argv[0]} --help")
     values = flags.FlagValues()  # not absl's global ones, so that one process can parse twice
     flags.DEFINE_boolean("profile", False, "", flag_values=values)
     for name in ("workdir", "coordinator"):
@@ -109,10 +111,9 @@ def _parse(argv: list[str]) -> tuple[Any, Config]:
     for name in ("num_processes", "process_id"):
         flags.DEFINE_integer(name, None, "", flag_values=values)
     try:
-        if spec:
-            config = _read(spec)
-            preset = config.copy_and_resolve_references()
-            config_flags.DEFINE_config_dict("config", config, flag_values=values, sys_argv=argv)
+        preset = _read(spec)
+        config = preset.copy_and_resolve_references()
+        config_flags.DEFINE_config_dict("config", config, flag_values=values, sys_argv=argv)
         rest = values(argv)
     except flags.UnrecognizedFlagError as error:
         raise UserError(f"unknown flag --{shown(error.flagname)}; see {argv[0]} --help") from error
@@ -120,8 +121,8 @@ def _parse(argv: list[str]) -> tuple[Any, Config]:
         raise UserError(f"unknown setting: {_one_line(error)}; see {argv[0]} --help") from error
     except (flags.Error, TypeError, ValueError, ArithmeticError, RecursionError) as error:
         raise UserError(_one_line(error)) from error
-    if not spec or not values.workdir:
-        raise UserError(f"--{'workdir' if spec else 'config'} is missing; see {argv[0]} --help")
+    if not values.workdir:
+        raise UserError(f"--workdir is missing; see {argv[0]} --help")
     if rest[1:]:
         raise UserError(f"unexpected argument '{shown(rest[1])}'; see {argv[0]} --help")
     settings.check(values.config)

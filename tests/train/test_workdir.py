@@ -92,7 +92,7 @@ def start(tmp_path, tiny_talk):
         ("ha2g", "train.warmup_epochs", 3, True),
         ("ha2g", "train.steps", 3, True),
         ("ha2g", "model.audio.whisper.layers", 2, False),  # of an encoder that is not chosen
-        ("speech2gesture", "model.inferer.hidden_dim", 99, False),
+        ("speech2gesture", "model.discriminator.layers", 2, False),
         ("seq2seq", "train.warmup_epochs", 3, False),  # there is no discriminator
     ],
 )
