@@ -78,14 +78,12 @@ class Answer(NamedTuple):
         effects: effect on each measure with Bonferroni's interval, None without blocks.
         p_value: with Holm's correction, None without errors.
         verdict: `HELD`, `NOT_HELD` or `UNDECIDED`.
-        more: number of further blocks that would decide, None where that is out of reach.
     """
 
     question: Question
     effects: tuple[Spread | None, ...]
     p_value: float | None
     verdict: str
-    more: int | None
 
 
 QUESTIONS = (
@@ -154,13 +152,12 @@ def judge(effects: Sequence[Sequence[Sequence[Measured]]], questions: Sequence[Q
     """Answer the questions from their effects by question, measure and block; see `_RULES`."""
     means = [[with_freedom_of_seeds(combine(blocks)) if blocks else None for blocks in mine] for mine in effects]
     p_values = [max(t_test(mean) if mean and mean.error is not None else 1.0 for mean in mine) for mine in means]
-    tail, answers = (1 - LEVEL) / len(questions), []
-    for question, blocks, mine, value in zip(questions, effects, means, holm(p_values), strict=True):
-        spreads = tuple(mean and interval(mean, tail) for mean in mine)
+    answers = []
+    for question, mine, value in zip(questions, means, holm(p_values), strict=True):
+        spreads = tuple(mean and interval(mean, (1 - LEVEL) / len(questions)) for mean in mine)
         has_errors = all(mean and mean.error is not None for mean in mine)
         verdict = _decide(question, spreads, value) if has_errors else UNDECIDED
-        more = 0 if verdict != UNDECIDED else _more_blocks(question, blocks, tail)
-        answers.append(Answer(question, spreads, value if has_errors else None, verdict, more))
+        answers.append(Answer(question, spreads, value if has_errors else None, verdict))
     return answers
 
 
@@ -179,9 +176,9 @@ def _decide(question: Question, spreads: Sequence[Spread | None], value: float) 
     return NOT_HELD if any(bound < matters for bound, matters in bounds) else UNDECIDED
 
 
-def _more_blocks(question: Question, effects: Sequence[Sequence[Measured]], tail: float) -> int | None:
-    """Return the least number of further blocks that decide a question, with a probability of 80 % for each measure, if
-    effects and spreads stay; None where more than 64 blocks would be needed.
+def more_blocks(question: Question, effects: Sequence[Sequence[Measured]]) -> int | None:
+    """Return the least number of further blocks that decide an undecided question, with a probability of 80 % for each
+    measure, if effects and spreads stay; None where more than 64 blocks would be needed.
 
     A claim is decided by intervals that exclude 0 in all of its measures, or the advantage that matters in one of them.
     The variance over blocks falls with their number, that over speakers does not.
@@ -190,6 +187,7 @@ def _more_blocks(question: Question, effects: Sequence[Sequence[Measured]], tail
     if there < _LEAST_BLOCKS:  # one block has no spread
         return _LEAST_BLOCKS - there
     for count in range(there + 1, _MOST_BLOCKS + 1):
+        tail = (1 - LEVEL) / len(QUESTIONS)
         reach = float(stats.t.ppf(1 - tail / 2, count - 1) + stats.t.ppf(_POWER, count - 1))
         excludes_zero, excludes_what_matters = [], []
         for measure, blocks in zip(question.measures, effects, strict=True):
@@ -252,8 +250,8 @@ def as_markdown(
         if min(measured.values(), default=_GATE) < _GATE
         else "open"
     )
-    effects = _effects(scores if has_passed else {})
-    answers = judge([[[*by_seed.values()] for by_seed in mine] for mine in effects])
+    effects = [[[*blocks.values()] for blocks in mine] for mine in _effects(scores if has_passed else {})]
+    answers = judge(effects)
     cells = [("cell", *(measure.title.removeprefix("log ") for measure in MEASURES), "seeds")]
     failed = [
         f"- {row}, seed {seed}: {text}"
@@ -303,8 +301,9 @@ def _listed(blocks: Sequence[int]) -> str:
     return f" (seeds {', '.join(map(str, blocks))})" if blocks else ""
 
 
-def _claim_line(answer: Answer, effects: Sequence[Mapping[int, Measured]], has_ended: bool) -> tuple[str, ...]:
+def _claim_line(answer: Answer, effects: Sequence[Sequence[Measured]], has_ended: bool) -> tuple[str, ...]:
     pairs = [*zip(answer.question.measures, answer.effects, strict=True)]
+    more = 0 if answer.verdict != UNDECIDED else more_blocks(answer.question, effects)
     at_least = "at least " if answer.p_value is None else ""
     return (
         answer.question.claim,
@@ -313,7 +312,7 @@ def _claim_line(answer: Answer, effects: Sequence[Mapping[int, Measured]], has_e
         "-" if answer.p_value is None else f"{answer.p_value:.3f}",
         f"**{answer.verdict}**",
         str(min(map(len, effects))),
-        "-" if has_ended else "out of reach" if answer.more is None else f"{at_least}{answer.more}",
+        "-" if has_ended else "out of reach" if more is None else f"{at_least}{more}",
     )
 
 

@@ -398,7 +398,7 @@ def read_words(
     speech: pathlib.Path,
     audio: np.ndarray,
     words: pathlib.Path | None,
-    cues: Sequence[Cue] = (),
+    cues: Sequence[Cue | str] = (),
 ) -> tuple[Word, ...]:
     """Return the words of the speech (samples,) at 16 kHz, by default of the transcript beside its file, where there is
     one, for a model that reads words or a cue that is on one.
@@ -406,7 +406,7 @@ def read_words(
     Raises:
         UserError: the transcript cannot be read, or there is none for a cue.
     """
-    on_words = [cue for cue in cues if cue.word]
+    on_words = [cue for cue in cues if isinstance(cue, Cue) and cue.word]
     if not model.reads_words and not on_words:
         return ()
     words = words or find_transcript(speech)

@@ -35,13 +35,14 @@ def seam_score(
     borders: Sequence[np.ndarray],
     fps: float,
     *,
+    width: int = WIDTH,
     first_frame: int = SEED_FRAMES,
     draws: int = 1000,
     seed: int = 0,
 ) -> SeamScore:
     """Compare velocity and acceleration jumps at window borders with those inside windows, by a permutation test.
 
-    A border at frame b touches the stretch [b, b + `WIDTH`). Its insides are the nearest stretches before and after it,
+    A border at frame b touches the stretch [b, b + width). Its insides are the nearest stretches before and after it,
     without gap or overlap, up to the middle of the windows and as many on either side: a motion that grows calmer does
     not look like a seam. A draw of the test takes of each border one of its jump and those of its insides, all equally
     likely, and p = (1 + draws whose sum is at least that of the borders) / (1 + draws). It is exact where a border is
@@ -50,6 +51,7 @@ def seam_score(
     Args:
         directions: unit direction vectors (T, bones, 3) of each clip.
         borders: first frames of the windows of each clip but the first; frames outside of the clip are no borders.
+        width: number of frames that a border touches.
         first_frame: first frame that is scored; those before it were given to the model.
 
     Returns:
@@ -58,7 +60,7 @@ def seam_score(
     groups = [
         group
         for clip, frames in zip(directions, borders, strict=True)
-        for group in border_groups(stretch_jumps(clip, fps, first_frame=first_frame), np.asarray(frames, int))
+        for group in border_groups(stretch_jumps(clip, fps, width, first_frame), np.asarray(frames, int), width)
     ]
     if not groups:
         return SeamScore(np.nan, np.nan, np.nan, np.nan, 0)
