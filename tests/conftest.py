@@ -51,13 +51,14 @@ SLOW = (
 )
 
 # What `make test` leaves to `make test-all`: damaged files by the thousand, commands that parsing has already checked,
-# recipes of which it checks that they apply, a cluster on this machine, long notebooks, and further networks, data and
-# precisions, of which each step is compiled.
+# recipes of which it checks that they apply, clusters and further processes on this machine, long notebooks, a run that
+# is stopped where one is killed already, and further networks, data and precisions, of which each step is compiled.
 THOROUGH = (
     "fuzz/",
     "test_docs_commands.py::test_commands_of_a_page_run",
     "test_baselines.py",
     "test_extending.py::test_recipe_works",
+    "test_notebooks.py::test_notebook_runs[02",
     "test_notebooks.py::test_notebook_runs[04",
     "test_notebooks.py::test_notebook_runs[05",
     "test_notebooks.py::test_notebook_runs[06",
@@ -67,7 +68,9 @@ THOROUGH = (
     "methods/test_baselines.py::test_one_batch_is_learnt_by_heart",
     "methods/test_speech2gesture.py::test_legacy_trains_as_the_published_comparison_did",
     "train/test_hosts.py::test_a_run_of_two_processes_through_the_launcher",
+    "train/test_loop.py::test_a_run_that_was_stopped_goes_on_as_if_it_had_not_been",
     "train/test_loop.py::test_two_steps_on_recordings[ted",
+    "train/test_sharding.py::test_two_processes_equal_one_and_agree_on_the_end",
     "train/test_step.py::test_bfloat16_changes_the_terms_by_little",
     "importers/video/test_build.py::test_a_cluster_gives_the_same_bytes_and_survives_a_killed_worker",
 )
