@@ -1,8 +1,8 @@
 """Configs by name: the methods of Table 1 on each kind of data at each size, and the rows of Tables 3, 4 and 11.
 
-presets.make("talk", "small")                                          # HA2G
-presets.make("ted_gesture", method="trimodal")                         # a baseline
-presets.make("talk", "study", changes=presets.TABLES["table4"]["Holistic"])
+    presets.make("talk", "small")                                          # HA2G
+    presets.make("ted_gesture", method="trimodal")                         # a baseline
+    presets.make("talk", "study", changes=presets.TABLES["table4"]["Holistic"])
 
 A preset is `settings.paper` and changes of single settings, by dotted name: first those of the data, then those of the
 method, of the size, and of the row of a table. A later change wins.
