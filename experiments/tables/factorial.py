@@ -307,7 +307,10 @@ def _claim_line(answer: Answer, effects: Sequence[Sequence[Measured]], has_ended
     at_least = "at least " if answer.p_value is None else ""
     return (
         answer.question.claim,
-        "; ".join(f"{measure.title} {spread_text(spread)}" for measure, spread in pairs),
+        "; ".join(
+            f"{measure.title} {spread_text(spread)}{'' if measure.is_higher_better else ' (lower is better)'}"
+            for measure, spread in pairs
+        ),
         "; ".join(number(measure.matters) for measure, _ in pairs),
         "-" if answer.p_value is None else f"{answer.p_value:.3f}",
         f"**{answer.verdict}**",
