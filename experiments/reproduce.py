@@ -177,10 +177,10 @@ def _fill(request: Request, plan: TablePlan, perform: Callable[[Run, int, Stop],
     # The gate of the factorial study is passed before any comparison; the page has all seeds, whichever are asked for.
     gate = [plan.rows[row][0] for row in factorial.GATE_ROWS] if request.table == factorial.TABLE else []
     missing = {run.name: run for run in plan.runs if read_record(run, plan, request).scores is None}
-    left_out = [name for name, run in missing.items() if run.seed not in request.seeds and run not in gate]
+    skipped = [name for name, run in missing.items() if run.seed not in request.seeds and run not in gate]
     if not request.has_training:
-        left_out += [name for name, run in missing.items() if read_record(run, plan, request).scored_step is None]
-    failures = dict.fromkeys(left_out, factorial.NOT_TRAINED)
+        skipped += [name for name, run in missing.items() if read_record(run, plan, request).scored_step is None]
+    failures = dict.fromkeys(skipped, factorial.NOT_TRAINED)
     runs = [run for name, run in missing.items() if name not in failures]
     for row, reason in plan.left_out.items():
         tqdm.tqdm.write(f"{row} is left out: {reason}", file=sys.stderr)

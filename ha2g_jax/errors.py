@@ -1,4 +1,4 @@
-"""The exception that a mistake of the user raises: in an argument, or by a package that is not installed."""
+"""The exception that a mistake of the user raises, and checks that raise it: of numbers and of installed packages."""
 
 import importlib
 import math

@@ -112,8 +112,8 @@ def _parse(argv: list[str]) -> tuple[Any, Config]:
         flags.DEFINE_integer(name, None, "", flag_values=values)
     try:
         preset = _read(spec)
-        config = preset.copy_and_resolve_references()
-        config_flags.DEFINE_config_dict("config", config, flag_values=values, sys_argv=argv)
+        changed = preset.copy_and_resolve_references()
+        config_flags.DEFINE_config_dict("config", changed, flag_values=values, sys_argv=argv)
         rest = values(argv)
     except flags.UnrecognizedFlagError as error:
         raise UserError(f"unknown flag --{shown(error.flagname)}; see {argv[0]} --help") from error

@@ -186,8 +186,8 @@ def more_blocks(question: Question, effects: Sequence[Sequence[Measured]]) -> in
     there = min(map(len, effects))
     if there < _LEAST_BLOCKS:  # one block has no spread
         return _LEAST_BLOCKS - there
+    tail = (1 - LEVEL) / len(QUESTIONS)
     for count in range(there + 1, _MOST_BLOCKS + 1):
-        tail = (1 - LEVEL) / len(QUESTIONS)
         reach = float(stats.t.ppf(1 - tail / 2, count - 1) + stats.t.ppf(_POWER, count - 1))
         excludes_zero, excludes_what_matters = [], []
         for measure, blocks in zip(question.measures, effects, strict=True):

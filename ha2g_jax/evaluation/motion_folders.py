@@ -235,7 +235,7 @@ def find_sounds(folders: set[pathlib.Path]) -> dict[tuple[pathlib.Path, str], pa
 
 
 def not_read(motions: Iterable[pathlib.Path], sounds: Iterable[pathlib.Path]) -> list[str]:
-    """Return sentences on the other motions and the other sounds that lie beside those that are read of a clip.
+    """Return notes on the files of motion and of sound that are not read, because another file of the same clip is.
 
     A `.json` does not count, as it may hold words.
     """

@@ -87,11 +87,10 @@ def check_augmentation(config: Config, spec: Spec) -> None:
 
 
 def check_changes(config: Config, preset: Config) -> None:
-    """Check that the method reads what a config changes of its preset: each setting of the networks, and of adversarial
-    training.
+    """Check that the method reads each changed setting of the networks and of adversarial training.
 
     Raises:
-        UserError: a change leaves the networks as they are.
+        UserError: the method does not read one of them.
     """
     names = [row.name for row in settings.table(config.method)]
     changed = {
