@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from ha2g_jax.errors import UserError
+from ha2g_jax.motion.formats import export
+from ha2g_jax.motion.readers import read_motion
 from ha2g_jax.motion.readers.smplx import read_smplx
 from ha2g_jax.motion.readers.smplx_body import FACE, JOINTS, PARENTS, template
 from ha2g_jax.skeleton import load_skeleton
@@ -51,6 +53,19 @@ def test_a_t_pose_stands_upright_and_faces_as_the_skeleton_does(tmp_path, skelet
         np.testing.assert_allclose(_directions(joints, start, end), [[left, 0, 0]] * 2, atol=1e-6)
     assert (_directions(joints, "spine", "neck")[:, 1] < -0.99).all()
     assert (_directions(joints, "neck", "nose")[:, 2] * ahead > 0.5).all()
+
+
+def test_a_t_pose_is_written_as_it_was_read(tmp_path):
+    """Our T-pose has an upright trunk and level palms, that of SMPL-X has not; the rig accounts for it."""
+    np.savez(tmp_path / "a.npz", poses=_poses(2), mocap_frame_rate=30)
+    export(read_motion(tmp_path / "a.npz"), tmp_path / "b.npz", rig="smplx")
+    written = np.load(tmp_path / "b.npz")["poses"].reshape(-1, len(JOINTS), 3)
+    of_another_shape = [
+        JOINTS.index(name)
+        for name in ("neck", "head", *(f"{side}_thumb_{part}" for side in ("left", "right") for part in (1, 2)))
+    ]
+    np.testing.assert_allclose(np.delete(written, of_another_shape, axis=1), 0, atol=1e-4)
+    np.testing.assert_allclose(written, 0, atol=0.04)
 
 
 def test_the_face_is_fixed_on_the_head(tmp_path):
