@@ -1,4 +1,4 @@
-"""The methods of the paper and one beside, modules or packages with the functions of `method.Method`, and specs."""
+"""The methods of the paper and one of our own, each a module with the functions of `method.Method`; building specs."""
 
 import functools
 from typing import Any
@@ -29,10 +29,10 @@ TRAINABLE: dict[str, Method] = {**METHODS, "autoencoder": autoencoder}
 
 
 def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
-    """Build the networks of a config; `config.loss` and `config.train` are not read.
+    """Build the networks that a config describes; `config.loss` and `config.train` are not read.
 
-    Skeleton, vocabulary and speakers are those of the training split. Where windows are mirrored, a table of speakers
-    has as many rows again for their mirror images, in the same order.
+    Skeleton, vocabulary and speakers are those of the training split. If windows are mirrored, the table of speakers
+    has twice as many rows: the second half is for the mirror images, in the same order.
 
     Raises:
         UserError: a setting that is not possible, or that the method cannot use.
@@ -55,15 +55,16 @@ def generating_method_of(spec: Spec) -> GeneratingMethod:
     """Return the functions with which a spec generates motion.
 
     Raises:
-        KeyError: the method generates none, as the pose auto-encoder.
+        KeyError: the method generates no motion, such as the pose auto-encoder.
     """
     return release if isinstance(spec.generator, release.ReleaseHA2G) else METHODS[spec.method]
 
 
 @functools.partial(jax.jit, static_argnums=0)
 def encode_identity(spec: Spec, variables: Variables, identity: jax.Array) -> jax.Array:
-    """Return the style (style_dim,) of one person, the mean of f_id: of images (num_images, S, S, 3), or of the index
-    () of a speaker, see `Spec.identity`.
+    """Return the style (style_dim,) of one person, the mean of f_id.
+
+    The identity is images (num_images, S, S, 3) or the index () of a speaker, see `Spec.identity`.
     """
     return generating_method_of(spec).encode_identity(spec, variables, identity[None])[0]
 
@@ -71,7 +72,7 @@ def encode_identity(spec: Spec, variables: Variables, identity: jax.Array) -> ja
 def variable_shapes(spec: Spec) -> Any:
     """Return {"params", "batch_stats"} of the generator as a tree of `jax.ShapeDtypeStruct`."""
 
-    def init() -> Any:  # all arrays are made inside, where nothing is computed or compiled
+    def init() -> Any:  # creates all arrays, so that `eval_shape` neither computes nor compiles anything
         arguments = method_of(spec).init_arguments(spec, example_batch(spec))
         return spec.generator.init(jax.random.key(0), *arguments, train=False)
 
@@ -80,6 +81,6 @@ def variable_shapes(spec: Spec) -> Any:
 
 
 def discriminator_shapes(spec: Spec) -> Any:
-    """Return {"params", "batch_stats"} of the discriminator as `variable_shapes` does, for a method that has one."""
+    """Return {"params", "batch_stats"} of the discriminator as `variable_shapes` does; the method must have one."""
     poses = jax.ShapeDtypeStruct((1, spec.num_frames, spec.skeleton.pose_dim), jnp.float32)
     return jax.eval_shape(functools.partial(spec.discriminator.init, train=False), jax.random.key(0), poses)

@@ -60,12 +60,12 @@ def discriminate(
 
 
 def gan_generator(fake_logits: jax.Array, *, kind: str = "non_saturating") -> jax.Array:
-    """Return the loss of the generator (HA2G, Eq. 6), the mean over the batch of
+    """Return the adversarial loss of the generator (HA2G, Eq. 6), the mean over the batch of
 
         non_saturating: -log D(G)        minimax: log(1 - D(G))        least_squares: (1 - D(G))^2
 
-    where D(G) are outputs (B, ...) of the discriminator, given before the sigmoid, which the least squares (Mao et al.
-    2017) do not use.
+    where D(G) is the sigmoid of the discriminator's logits (B, ...). The least-squares loss (Mao et al. 2017) takes
+    the logits themselves.
     """
     match kind:
         case "minimax":
@@ -78,7 +78,7 @@ def gan_generator(fake_logits: jax.Array, *, kind: str = "non_saturating") -> ja
 def gan_discriminator(real_logits: jax.Array, fake_logits: jax.Array, *, kind: str = "non_saturating") -> jax.Array:
     """Return the loss of the discriminator, -log D(p) - log(1 - D(G)), or (1 - D(p))^2 + D(G)^2 for least squares.
 
-    It is the mean over the batch; the logits are those of `gan_generator`.
+    The loss is the mean over the batch; logits are (B, ...) and kinds the same as in `gan_generator`.
     """
     if kind == "least_squares":
         return jnp.mean(jnp.square(1 - real_logits)) + jnp.mean(jnp.square(fake_logits))

@@ -3,8 +3,8 @@
 With `config.model.architecture = "release"` it has the networks of the public code: the activations between the linear
 maps have slope 1, which makes them the identity, and on TED-Gesture a further linear map gives the latent.
 
-The paper says nothing of its training. Ours: mean L1 of the poses and of their velocities, and a small cosine term,
-between restored vectors, as angles are everywhere here; selected on the validation split.
+The paper does not say how it was trained. Our loss is the mean L1 error of the poses and of their velocities, plus a
+small cosine term between restored direction vectors; we chose it on the validation split.
 """
 
 from collections.abc import Mapping
@@ -33,17 +33,17 @@ from ha2g_jax.methods.method import (
 from ha2g_jax.methods.networks import apply, no_settings
 from ha2g_jax.skeleton import Skeleton, normalize
 
-# Values of the latent per skeleton: Table 9, and Yoon et al. 2020 for TED-Gesture.
+# Size of the latent for each skeleton: Table 9, and Yoon et al. 2020 for TED-Gesture.
 LATENT_DIMS = {"ted_expressive": 128, "ted_gesture": 32}
 
 _SLOPE = 0.2
 
 
 class PoseEncoder(nn.Module):
-    """Poses (B, N, pose_dim) to a latent (B, latent_dim).
+    """Encoder of poses (B, N, pose_dim) to a latent (B, latent_dim).
 
-    Activations between the linear maps have a slope for negative values; with `has_mean` a further linear map follows,
-    that of the mean of a Gaussian.
+    `slope` is that of the activations between the linear maps for negative values. With `has_mean`, one more linear map
+    gives the mean of a Gaussian.
     """
 
     latent_dim: int
@@ -64,7 +64,7 @@ class PoseEncoder(nn.Module):
 
 
 class PoseDecoder(nn.Module):
-    """Latent (B, latent_dim) to poses (B, N, pose_dim)."""
+    """Decoder of a latent (B, latent_dim) to poses (B, N, pose_dim)."""
 
     pose_dim: int
     num_frames: int = 34
@@ -82,7 +82,7 @@ class PoseDecoder(nn.Module):
 
 
 class PoseAutoencoder(nn.Module):
-    """Windows of poses to a latent and back. `encode` and `decode` can be the `method=` of `apply`."""
+    """Auto-encoder of windows of poses. `encode` and `decode` can be the `method=` of `apply`."""
 
     pose_dim: int
     latent_dim: int
@@ -95,15 +95,15 @@ class PoseAutoencoder(nn.Module):
         self.decoder = PoseDecoder(self.pose_dim, self.num_frames, self.slope)
 
     def __call__(self, poses: jax.Array, *, train: bool) -> jax.Array:
-        """Maps mean-subtracted poses (B, N, pose_dim) to their reconstruction."""
+        """Map mean-subtracted poses (B, N, pose_dim) to their reconstruction."""
         return self.decode(self.encode(poses, train=train), train=train)
 
     def encode(self, poses: jax.Array, *, train: bool) -> jax.Array:
-        """Maps mean-subtracted poses (B, N, pose_dim) to latents (B, latent_dim)."""
+        """Map mean-subtracted poses (B, N, pose_dim) to latents (B, latent_dim)."""
         return self.encoder(poses, train=train)
 
     def decode(self, latent: jax.Array, *, train: bool) -> jax.Array:
-        """Maps latents (B, latent_dim) to mean-subtracted poses (B, N, pose_dim)."""
+        """Map latents (B, latent_dim) to mean-subtracted poses (B, N, pose_dim)."""
         return self.decoder(latent, train=train)
 
 
@@ -130,7 +130,7 @@ def velocity(poses: jax.Array, targets: jax.Array) -> jax.Array:
 
 
 def cosine(directions: jax.Array, target_directions: jax.Array) -> jax.Array:
-    """Return 1 - cosine between direction vectors (B, N, bones, 3), the mean over all of them."""
+    """Return the mean of 1 - cosine between direction vectors (B, N, bones, 3)."""
     return jnp.mean(1 - jnp.sum(normalize(directions) * normalize(target_directions), axis=-1))
 
 
@@ -141,7 +141,7 @@ loss_settings = no_settings
 
 
 class Terms(NamedTuple):
-    """Terms of the objective, each () and unweighted; or their weights, floats."""
+    """Terms of the objective, each an unweighted scalar (), or their weights as floats."""
 
     reconstruction: jax.Array
     velocity: jax.Array
@@ -149,7 +149,10 @@ class Terms(NamedTuple):
 
 
 def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
-    """Build the auto-encoder of a skeleton, without other settings, as values of different ones cannot be compared."""
+    """Build the auto-encoder of a skeleton.
+
+    No setting changes it: distances measured with different auto-encoders cannot be compared.
+    """
     del vocabulary_size, num_speakers
     is_release = config.model.architecture == "release"
     generator = PoseAutoencoder(

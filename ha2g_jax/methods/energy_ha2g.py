@@ -1,10 +1,10 @@
-"""A generative HA2G, not the paper's: its networks read noise beside the speech, and a proper scoring rule trains them.
+"""A generative HA2G, not in the paper: its networks also read noise and are trained with a proper scoring rule.
 
 Speech does not determine where the hands are during a phrase, so a regression predicts the mean of the possible
-places. Here two samples of each window, with independent noise, are scored against the true motion by the energy score
-(Gneiting and Raftery 2007), which is least for samples of the true distribution: no adversary, one pass for a sample,
-and samples in training are made as in generation. Speech (Gritsenko et al. 2020), regressions (Shen and Meinshausen
-2024) and the weather (Alet et al. 2025) have been sampled so.
+positions. Here two samples of each window, made with independent noise, are scored against the true motion by the
+energy score (Gneiting and Raftery 2007), whose expectation is least when they follow the true distribution. There is no
+adversary, a sample takes one forward pass, and training samples as generation does. The same approach has been used for
+speech (Gritsenko et al. 2020), regression (Shen and Meinshausen 2024) and weather forecasts (Alet et al. 2025).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -21,9 +21,9 @@ from ha2g_jax.methods.method import FLOAT32, Batch, Compute, Run, Spec, Variable
 from ha2g_jax.methods.networks import apply, draw_noise
 from ha2g_jax.skeleton import Skeleton
 
-# Added to mean squares before their root: distances below 0.001 count little, and gradients stay bounded.
+# Added to mean squares before the square root, so that distances below 0.001 count little and gradients stay bounded.
 _EPSILON = 1e-6
-_SPAN = 8  # frames in which velocities are compared, so that the time of a stroke counts in each
+_SPAN = 8  # frames in each span of `velocity_distance`, so that the time of a stroke counts
 
 rngs: tuple[str, ...] = ("dropout", "identity", "noise")
 reconstruction_term = "energy"
@@ -33,7 +33,7 @@ encode_speech, encode_identity = ha2g.encode_speech, ha2g.encode_identity
 
 
 class Terms(NamedTuple):
-    """Terms of the objective, each () and unweighted, or their weights, floats."""
+    """Terms of the objective, each an unweighted scalar (), or their weights as floats."""
 
     energy: jax.Array
     velocity: jax.Array
@@ -49,13 +49,13 @@ class LossSettings(NamedTuple):
 
 
 class Outputs(NamedTuple):
-    """Results of the generator that the objective is differentiated by: two samples of the poses, and HA2G's others."""
+    """Outputs of the generator that gradients flow through: two samples of the poses, and the other outputs of HA2G."""
 
     poses: tuple[jax.Array, ...]  # H arrays (B, N, d^h), mean-subtracted
-    others: tuple[jax.Array, ...]  # the second sample, likewise
+    others: tuple[jax.Array, ...]  # the second sample, in the same form
     features: Features  # of the audio, each (B, N, 32)
     text: jax.Array  # (B, N, 32)
-    mean: jax.Array  # (B, 18) of the identity, as the log-variance
+    mean: jax.Array  # (B, 18) of the identity, like the log-variance
     log_variance: jax.Array
 
 
@@ -68,7 +68,7 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
 def sample(
     spec: Spec, variables: Variables, features: Any, style: jax.Array, seed_pose: jax.Array, noise: jax.Array
 ) -> jax.Array:
-    """Generate the poses of windows, those of the last level; see `GeneratingMethod`."""
+    """Generate the poses of windows, the last level of the hierarchy; see `GeneratingMethod`."""
     clips = (features, style, seed_pose, noise)
     return spec.generator.apply(variables, *clips, train=False, method="infer")[-1]
 
@@ -84,14 +84,14 @@ def run(
 ) -> Run[Outputs, None]:
     """Run the generator on one batch, for two samples of each window with the same identity; see `Method.run`.
 
-    Evaluation mode takes the mean of each identity, not a sample.
+    In evaluation mode the identity is the mean, not a sample.
     """
     speech, identity, seed_pose = generator_arguments(spec, batch)
     (features, text, (mean, log_variance)), batch_stats = apply(
         spec.generator, variables, keys["dropout"], speech, identity, train=train, compute=compute, method=ha2g.encode
     )
     f_id = ha2g.draw_identity(keys["identity"], mean, log_variance) if train else mean
-    # The two of a clip lie side by side on the batch axis, so that a batch split over devices stays where it is.
+    # Both samples of a clip are neighbours on the batch axis, so that no data moves between devices.
     clips = jax.tree.map(lambda x: jnp.repeat(x, 2, axis=0), (features, f_id, seed_pose))
     noise = draw_noise(spec, keys["noise"], 2 * len(mean))
     levels, _ = apply(
@@ -132,7 +132,7 @@ def energy_score(
 
         1/2 (d(p, y) + d(p', y)) - 1/2 d(p, p')
 
-    for H arrays (B, N, d^h) of each and true poses y. The distance d maps two arrays of a level to (B,).
+    where p, p' and the true poses y are each H arrays (B, N, d^h). The distance d maps two arrays of a level to (B,).
     """
     levels = [
         jnp.mean(distance(one, target) + distance(other, target) - distance(one, other)) / 2
@@ -142,16 +142,18 @@ def energy_score(
 
 
 def trajectory_distance(one: jax.Array, other: jax.Array) -> jax.Array:
-    """Return the distance (B,) of two motions (B, N, 3 bones): for each bone the root of the mean square over time, and
-    of these the mean over bones.
+    """Return the distance (B,) between two motions (B, N, 3 bones).
+
+    It is the mean over bones of the root mean square over time.
     """
     return jnp.mean(jnp.sqrt(jnp.mean(_squares(one - other), axis=1) + _EPSILON), axis=-1)
 
 
 def velocity_distance(one: jax.Array, other: jax.Array) -> jax.Array:
-    """Return the distance (B,) of the differences between frames of two motions: `trajectory_distance` in spans of 8.
+    """Return the distance (B,) between the velocities of two motions: `trajectory_distance` in spans of 8 frames.
 
-    Zeros fill the last span: of the 33 differences of 34 frames the last counts 2.8 times as much as another.
+    The last span is padded with zeros: of the 33 differences of 34 frames, the last counts 2.8 times as much as any
+    other.
     """
     squares = _squares(jnp.diff(one - other, axis=1))
     squares = jnp.pad(squares, ((0, 0), (0, -squares.shape[1] % _SPAN), (0, 0)))

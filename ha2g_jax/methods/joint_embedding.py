@@ -1,4 +1,4 @@
-"""Joint Embedding (Ahuja and Morency 2019): speech and poses take turns at one decoder."""
+"""Joint Embedding (Ahuja and Morency 2019): one decoder for the latents of speech and of poses, by turns."""
 
 from typing import Any, NamedTuple
 
@@ -34,7 +34,7 @@ _SEED_DIM = 32
 
 
 class ContextEncoder(nn.Module):
-    """Speech features of a window to the distribution of its latent."""
+    """Encoder of the speech features of a window to the distribution of its latent."""
 
     latent_dim: int
     hidden_dim: int
@@ -42,7 +42,7 @@ class ContextEncoder(nn.Module):
 
     @nn.compact
     def __call__(self, features: jax.Array, *, train: bool) -> tuple[jax.Array, jax.Array]:
-        """Maps (B, N, features) to mean and log-variance, each (B, latent_dim)."""
+        """Map (B, N, features) to mean and log-variance, each (B, latent_dim)."""
         x = GRU(self.hidden_dim, self.layers, name="gru")(features)[:, -1]
         x = Linear(self.hidden_dim // 2, name="linear_1")(x)
         x = nn.relu(BatchNorm(name="norm")(x, train=train))
@@ -50,21 +50,21 @@ class ContextEncoder(nn.Module):
 
 
 class LatentPoseEncoder(nn.Module):
-    """Poses of a window to the distribution of their latent, by the encoder of the pose auto-encoder.
+    """Encoder of the poses of a window to the distribution of their latent, built like that of the pose auto-encoder.
 
-    Its slope is 0.2 in all layers, as the tables have it.
+    Its slope is 0.2 in all layers, as in the tables.
     """
 
     latent_dim: int
 
     @nn.compact
     def __call__(self, poses: jax.Array, *, train: bool) -> tuple[jax.Array, jax.Array]:
-        """Maps (B, N, pose_dim) to mean and log-variance, each (B, latent_dim)."""
+        """Map (B, N, pose_dim) to mean and log-variance, each (B, latent_dim)."""
         return mean_and_log_variance(PoseEncoder(self.latent_dim, name="encoder")(poses, train=train), self.latent_dim)
 
 
 class SeedEncoder(nn.Module):
-    """Seed poses (B, M, pose_dim) to one vector (B, 32)."""
+    """Encoder of seed poses (B, M, pose_dim) to one vector (B, 32)."""
 
     @nn.compact
     def __call__(self, seed_pose: jax.Array, *, train: bool) -> jax.Array:
@@ -74,15 +74,15 @@ class SeedEncoder(nn.Module):
 
 
 class JointEmbedding(nn.Module):
-    """Speech audio, its words, a style and M seed poses to N poses, by way of one latent a window.
+    """Generator from speech audio, its words, a style and M seed poses to N poses, with one latent for each window.
 
     Every method can be the `method=` of `apply`. Poses are flat, mean-subtracted direction vectors (D1). All methods
     use "batch_stats"; `encode_speech`, `decode` and `infer` draw from the stream "dropout" in training. `context_dim`
-    and `context_layers` are of the GRU that reads the speech features.
+    and `context_layers` are the sizes of the GRU that reads the speech features.
     """
 
     audio: WaveformEncoder | AudioEncoder
-    text: TextEncoder | None  # None for a model of sound alone
+    text: TextEncoder | None  # None for a model that reads no words
     pose_dim: int
     num_frames: int = 34
     latent_dim: int = 32
@@ -91,7 +91,7 @@ class JointEmbedding(nn.Module):
     hidden_dim: int = 300
     layers: int = 4
     dropout: float = 0.3
-    identity: Any = None  # encoder of images, None for a model that knows no speakers
+    identity: Any = None  # encoder of images, None for a model without identities
 
     def setup(self) -> None:
         self.context = ContextEncoder(self.latent_dim, self.context_dim, self.context_layers)
@@ -102,26 +102,26 @@ class JointEmbedding(nn.Module):
     def __call__(
         self, inputs: dict[str, jax.Array], identity: jax.Array | None, seed_pose: jax.Array, *, train: bool
     ) -> tuple[jax.Array, ...]:
-        """Runs every part once, without noise; returns the poses, as `infer`."""
+        """Run every part once, without noise; returns the poses, as `infer`."""
         features, style = self.encode_speech(inputs, train=train), mean_style(self, identity, seed_pose, train=train)
         poses = self.infer(features, jnp.zeros_like(features[0]), style, seed_pose, train=train)
         self.encode_pose(poses[-1], train=train)
         return poses
 
     def encode_speech(self, inputs: dict[str, jax.Array], *, train: bool) -> tuple[jax.Array, jax.Array]:
-        """Maps "audio" (B, 36267), or "mel", and "words" (B, N) to mean and log-variance of the latent, (B, 32)."""
+        """Map "audio" (B, 36267), or "mel", and "words" (B, N) to mean and log-variance of the latent, (B, 32)."""
         return self.context(speech_features(self.audio, self.text, inputs, train=train), train=train)
 
     def encode_identity(self, images: jax.Array, *, train: bool) -> tuple[jax.Array, jax.Array]:
-        """Maps images (B, M, S, S, 3) to mean and log-variance of the style, each (B, style_dim)."""
+        """Map images (B, M, S, S, 3) to mean and log-variance of the style, each (B, style_dim)."""
         return self.identity(images, train=train)
 
     def encode_pose(self, poses: jax.Array, *, train: bool) -> tuple[jax.Array, jax.Array]:
-        """Maps true poses (B, N, pose_dim) to mean and log-variance; training takes the mean for the latent."""
+        """Map true poses (B, N, pose_dim) to mean and log-variance; in training the mean is the latent."""
         return self.pose_encoder(poses, train=train)
 
     def decode(self, latent: jax.Array, style: jax.Array, seed_pose: jax.Array, *, train: bool) -> jax.Array:
-        """Maps a latent (B, 32), of speech or of poses, a style (B, style_dim) and the seed (B, M, pose_dim) to poses
+        """Map a latent (B, 32), of speech or of poses, a style (B, style_dim) and the seed (B, M, pose_dim) to poses
         (B, N, pose_dim).
         """
         x = jnp.concatenate([self.seed_encoder(seed_pose, train=train), latent, style], axis=-1)
@@ -136,24 +136,24 @@ class JointEmbedding(nn.Module):
         *,
         train: bool,
     ) -> tuple[jax.Array, ...]:
-        """Samples the latent of the speech, mean and log-variance of `encode_speech`, and decodes it.
+        """Sample the latent of the speech from the mean and log-variance of `encode_speech`, and decode it.
 
-        The noise (B, 32) from N(0, I) gives a sample, zeros give the mean. The style is (B, style_dim), the seed
-        (B, M, pose_dim) the true poses of the first M frames. The only level (B, N, pose_dim) has the seed frames
-        predicted as well. Poses are mean-subtracted.
+        Noise (B, 32) from N(0, I) gives a sample, zeros give the mean. The style is (B, style_dim), and the seed
+        (B, M, pose_dim) the true poses of the first M frames. The result is one level (B, N, pose_dim), in which the
+        seed frames are predicted as well. Poses are mean-subtracted.
         """
         return (self.decode(sample_latent(features, noise), style, seed_pose, train=train),)
 
 
 def sample_latent(distribution: tuple[jax.Array, jax.Array], noise: jax.Array) -> jax.Array:
-    """mean + exp(0.5 log-variance) noise, all (B, latent_dim)."""
+    """Return mean + exp(0.5 log-variance) noise, all (B, latent_dim)."""
     mean, log_variance = distribution
     return mean + jnp.exp(0.5 * log_variance) * noise
 
 
 def l1(poses: jax.Array, targets: jax.Array) -> jax.Array:
-    """The sum over the batch of each window's mean absolute difference of poses (B, N, pose_dim), as its authors' code
-    has it.
+    """Return the mean absolute error of poses (B, N, pose_dim) in each window, summed over the batch as in the authors'
+    code.
     """
     return jnp.sum(jnp.mean(jnp.abs(poses - targets), axis=(1, 2)))
 
@@ -167,7 +167,7 @@ loss_settings = networks.no_settings
 
 
 class Terms(NamedTuple):
-    """The term of the objective, () and unweighted, or its weight, a float."""
+    """The term of the objective, an unweighted scalar (), or its weight as a float."""
 
     l1: jax.Array
 
@@ -202,7 +202,7 @@ def sample(
 ) -> jax.Array:
     """Generate the poses of windows, each from a sample of its latent; see `GeneratingMethod`.
 
-    The noise of the latent is that of the first frame.
+    The latent takes the noise of the first frame.
     """
     clips = (features, noise[:, 0], style, seed_pose)
     (poses,) = spec.generator.apply(variables, *clips, train=False, method=JointEmbedding.infer)
@@ -218,11 +218,11 @@ def run(
     train: bool = True,
     compute: Compute = FLOAT32,
 ) -> Run[Poses, None]:
-    """Decode the latent of the speech or, in training, by the toss of a fair coin, of the true poses.
+    """Decode the latent of the speech or, in training with probability 1/2, that of the true poses.
 
-    There is one toss a batch. Both encoders run, so that both have the statistics of every batch. The latent of the
-    speech is always a sample, in evaluation too, that of the poses never. The style is always the mean of the identity,
-    as no term of the objective keeps its distribution near another. See `Method.run`.
+    The choice is made once for each batch. Both encoders run, so that both have the statistics of every batch. The
+    latent of the speech is always a sample, in evaluation too, that of the poses never. The style is always the mean of
+    the identity, because no term of the objective constrains its distribution. See `Method.run`.
     """
     speech, identity, seed_pose = generator_arguments(spec, batch)
     poses = subtract_mean(spec, batch["directions"])

@@ -1,4 +1,4 @@
-"""The contract between a method and the rest of the package: what generation, training and storage need of it.
+"""The interface between a method and the rest of the package: what generation, training and storage need from it.
 
 A method is a module of this package whose functions have the names and arguments of `Method`, and of
 `GeneratingMethod` if it generates motion from speech. `ha2g_jax.methods.METHODS` lists them by name. `Spec` holds
@@ -31,7 +31,7 @@ IDENTITIES = {"images": "images", "speakers": "speaker", "none": ""}
 
 
 class Spec(NamedTuple):
-    """The networks of a model and the sizes they work with; equal specs are equal static arguments of `jax.jit`.
+    """The networks of a model and their sizes. Equal specs are equal static arguments of `jax.jit`.
 
     Attributes:
         method: name in `ha2g_jax.methods.TRAINABLE`.
@@ -62,7 +62,7 @@ class Spec(NamedTuple):
 
     @property
     def window_stride(self) -> int:
-        """Frames from one window of a recording to the next."""
+        """Number of frames from the start of one window of a recording to the start of the next."""
         return window_stride(self.num_frames, self.num_seed_frames)
 
     def __repr__(self) -> str:
@@ -91,9 +91,9 @@ class Run(NamedTuple, Generic[Outputs, Constants]):
     """The generator on a training batch.
 
     Attributes:
-        outputs: a NamedTuple by which the objective is differentiated; each array of its field `poses`, the last one
-            (B, N, pose_dim), is mean-subtracted.
-        constants: a NamedTuple of what else the terms need, without a gradient; None where they need nothing.
+        outputs: a NamedTuple that gradients flow through; each array of its field `poses` is mean-subtracted, and the
+            last one is (B, N, pose_dim).
+        constants: a NamedTuple of the other arrays that the terms need, without a gradient; None if they need none.
     """
 
     outputs: Outputs
@@ -102,7 +102,7 @@ class Run(NamedTuple, Generic[Outputs, Constants]):
 
 
 class Poses(NamedTuple):
-    """Outputs of a method whose objective looks at poses alone: one level, (B, N, pose_dim), mean-subtracted."""
+    """Outputs of a method whose objective uses only the poses: one level, (B, N, pose_dim), mean-subtracted."""
 
     poses: tuple[jax.Array]
 
@@ -114,8 +114,8 @@ class Method(Protocol):
         rngs: names of the random streams of `run`.
         Terms: NamedTuple of the terms of the objective, or of their weights; it has a field `gan` if and only if there
             is a discriminator.
-        reconstruction_term: name of the term that measures the distance to the true poses.
-        has_parts: whether `run` can take the batch in `Compute.num_parts` parts.
+        reconstruction_term: name of the term that measures the error of the poses.
+        has_parts: whether `run` can process the batch in `Compute.num_parts` parts.
     """
 
     @property
@@ -139,7 +139,7 @@ class Method(Protocol):
         ...
 
     def init_arguments(self, spec: Spec, batch: Mapping[str, jax.Array]) -> tuple[Any, ...]:
-        """Return the arguments of `spec.generator` that run every part of it once, for its initialisation."""
+        """Return arguments of `spec.generator` with which every part of it runs once, to initialise it."""
         ...
 
     def run(
@@ -160,7 +160,7 @@ class Method(Protocol):
         ...
 
     def loss_settings(self, settings: Mapping[str, Any]) -> Any:
-        """Return `config.loss.<method>`, less its weights and kind of GAN, as a hashable value for `terms`."""
+        """Return `config.loss.<method>`, without its weights and kind of GAN, as a hashable value for `terms`."""
         ...
 
     def terms(self, spec: Spec, settings: Any, outputs: Any, constants: Any, targets: jax.Array, gan: Any) -> Any:
@@ -173,12 +173,12 @@ class Method(Protocol):
 
 
 class GeneratingMethod(Method, Protocol):
-    """Functions of a method that generates motion from speech; generation calls nothing else of it."""
+    """Functions of a method that generates motion from speech; generation calls only these."""
 
     def encode_speech(self, spec: Spec, variables: Variables, speech: Batch) -> Any:
-        """Encode the speech of B windows, arrays with a leading batch axis by the names in `spec.inputs`.
+        """Encode the speech of B windows, given as arrays (B, ...) under the names in `spec.inputs`.
 
-        The features are a tree of arrays with a leading axis (B, ...).
+        The features are a tree of arrays (B, ...).
         """
         ...
 
@@ -215,8 +215,9 @@ def make_spec(
     training_inputs: tuple[str, ...] | None = None,
     noise_dim: int = 0,
 ) -> Spec:
-    """Return the spec of networks that a method has built, with the sizes that `config.data` states; `training_inputs`
-    are `inputs` by default.
+    """Return the spec of networks that a method has built, with the sizes in `config.data`.
+
+    By default `training_inputs` are `inputs`.
     """
     identity = config.model.identity
     return Spec(
@@ -245,21 +246,21 @@ def generator_arguments(spec: Spec, batch: Mapping[str, jax.Array]) -> tuple[Any
 
 
 def subtract_mean(spec: Spec, directions: jax.Array) -> jax.Array:
-    """Return direction vectors (..., bones, 3) less their mean, flat (..., pose_dim), as networks take them (D1)."""
+    """Return direction vectors (..., bones, 3) minus their mean, flat (..., pose_dim), as networks read them (D1)."""
     mean = jnp.asarray(spec.skeleton.mean_directions, jnp.float32)
     centred = directions - jnp.expand_dims(mean, tuple(range(directions.ndim - 2)))
     return centred.astype(jnp.float32).reshape(*directions.shape[:-2], spec.skeleton.pose_dim)
 
 
 def restore(spec: Spec, poses: jax.Array) -> jax.Array:
-    """Return flat poses (..., pose_dim) plus the mean as unit vectors (..., bones, 3), the inverse of D1."""
+    """Add the mean to flat poses (..., pose_dim) and return unit vectors (..., bones, 3), the inverse of D1."""
     mean = jnp.asarray(spec.skeleton.mean_directions, jnp.float32)
     vectors = poses.reshape(*poses.shape[:-1], spec.skeleton.num_bones, 3)
     return normalize(vectors + jnp.expand_dims(mean, tuple(range(vectors.ndim - 2))))
 
 
 def example_batch(spec: Spec) -> Batch:
-    """Return a batch of one empty window in the shapes of a real one."""
+    """Return a batch of one empty window with the shapes of a real one."""
     window = (spec.num_frames, spec.fps)
     shapes = {
         "mel": ((1, NUM_MELS, window_columns(*window)), jnp.float32),

@@ -1,7 +1,7 @@
-"""Networks of several methods: the encoders that they share, and running a network in the precision of a step.
+"""What several methods share: encoders, and a function that runs a network in the precision of a training step.
 
-Parameters are float32 everywhere outside of the modules. On entry they and the inputs are rounded to `Compute.dtype`,
-on exit results are float32 again, so that gradients, statistics and losses are float32 too.
+Parameters are float32 everywhere outside of the modules. When a module runs, they and the inputs are rounded to
+`Compute.dtype` and the results are converted back to float32, so that gradients, statistics and losses are float32 too.
 """
 
 from collections.abc import Mapping
@@ -20,11 +20,11 @@ from ha2g_jax.layers.tcn import TextEncoder
 from ha2g_jax.layers.waveform import WaveformEncoder
 from ha2g_jax.methods.method import FLOAT32, Batch, Compute, Poses, Run, Spec, Variables, generator_arguments
 
-_NOISE_FRAMES = 1 << 10  # of which training noise starts at one; more than a period of it at any frame rate
+_NOISE_FRAMES = 1 << 10  # training noise starts at one of these; they span more than one period of it at any frame rate
 
 
 def text_encoder(config: Config, vocabulary_size: int) -> TextEncoder:
-    """Return E_t, as wide as the features of the audio."""
+    """Return E_t, whose features have as many channels as those of the audio."""
     text = config.model.text
     return TextEncoder(
         vocabulary_size=vocabulary_size,
@@ -38,7 +38,7 @@ def text_encoder(config: Config, vocabulary_size: int) -> TextEncoder:
 
 
 def audio_encoder(config: Config) -> AudioEncoder | WaveformEncoder:
-    """Return E_a, or the encoder of the samples of a window."""
+    """Return E_a, or the encoder of the waveform of a window."""
     if config.model.audio.kind == "resnet_se":
         return resnet_se(config)
     data = config.data
@@ -75,7 +75,7 @@ def identity_encoder(config: Config, num_speakers: int, *, has_hidden: bool = Fa
 
 
 def speaker_table(config: Config, num_speakers: int, *, has_hidden: bool = False) -> SpeakerIdentity:
-    """Return a table of the speakers; where windows are mirrored it has as many rows again for their mirror images."""
+    """Return a table of the speakers; if windows are mirrored, it has twice as many rows, for their mirror images."""
     return SpeakerIdentity(
         num_speakers=2 * num_speakers if config.data.mirror else num_speakers,
         feature_dim=config.model.identity.feature_dim,
@@ -97,12 +97,12 @@ def speech_features(audio: Any, text: TextEncoder | None, inputs: Mapping[str, j
 
 
 def mean_style(generator: Any, identity: jax.Array | None, seed_pose: jax.Array, *, train: bool) -> jax.Array:
-    """Return the means of the identities by a bound generator, (B, style_dim); (B, 0) without identities."""
+    """Return the mean styles (B, style_dim) that a bound generator encodes; (B, 0) without identities."""
     return seed_pose[:, 0, :0] if identity is None else generator.encode_identity(identity, train=train)[0]
 
 
 def encode_speech(spec: Spec, variables: Variables, speech: Batch) -> Any:
-    """Encode the speech of windows by the generator's method of this name; see `GeneratingMethod`."""
+    """Encode the speech of windows with the generator's method of this name; see `GeneratingMethod`."""
     return spec.generator.apply(variables, speech, train=False, method="encode_speech")
 
 
@@ -115,13 +115,13 @@ def encode_identity(spec: Spec, variables: Variables, identity: jax.Array) -> ja
 def sample(
     spec: Spec, variables: Variables, features: Any, style: jax.Array, seed_pose: jax.Array, noise: jax.Array
 ) -> jax.Array:
-    """Generate the poses of windows, those of the last level; without noise. See `GeneratingMethod`."""
+    """Generate the poses of windows, the last level of the generator, without noise; see `GeneratingMethod`."""
     del noise
     return spec.generator.apply(variables, features, style, seed_pose, train=False, method="infer")[-1]
 
 
 def draw_noise(spec: Spec, key: jax.Array, count: int) -> jax.Array:
-    """Draw the noise (count, N, noise_dim) of training windows, each that of a random seed at a random moment."""
+    """Draw the noise (count, N, noise_dim) of training windows, each with a random seed and start."""
     seed_key, moment_key = jax.random.split(key)
     seeds = jax.random.bits(seed_key, (count,), jnp.uint32)
     moments = jax.random.randint(moment_key, (count, 1), 0, _NOISE_FRAMES)
@@ -144,9 +144,9 @@ def apply(
 ) -> tuple[Any, Any]:
     """Run a module of a spec, or one of its methods.
 
-    `train` tells whether to run in training mode, in which statistics move, and `key` is that of the random stream
-    "dropout". `method` is the name of a method of the module, by default `__call__`, or a function of the bound module.
-    The result is float32, and with it come the batch statistics afterwards.
+    With `train` the module runs in training mode, which updates the batch statistics; `key` is that of the random
+    stream "dropout". `method` is the name of a method of the module, by default `__call__`, or a function of the bound
+    module. Returns the result in float32, and the batch statistics after this run.
     """
     rounded = variables | {"params": _cast(variables["params"], compute.dtype)}
     with choosing(compute.onednn):
@@ -177,7 +177,7 @@ def run_generator(
 
 
 def _cast(tree: Any, dtype: jnp.dtype) -> Any:
-    """Return floating numbers and bytes of pixels as `dtype`; bfloat16 holds every byte exactly. Indices stay."""
+    """Return floats and pixels (bytes) as `dtype`; bfloat16 holds every byte exactly. Indices are left as they are."""
 
     def cast(x: jax.Array) -> jax.Array:
         return x.astype(dtype) if jnp.issubdtype(x.dtype, jnp.floating) or x.dtype == jnp.uint8 else x

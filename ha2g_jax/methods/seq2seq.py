@@ -1,7 +1,7 @@
-"""Attention Seq2Seq (Yoon et al., ICRA 2019): the words of a window, or its sound in their place, to poses.
+"""Attention Seq2Seq (Yoon et al., ICRA 2019): from the words of a window, or from its sound instead, to poses.
 
-In the published comparison a cubic per channel replaced the first 12 frames of each window of a long recording. Here
-the borders of all methods are treated alike, see `motion.windows`.
+In the published comparison, a cubic polynomial for each channel replaced the first 12 frames of each window of a long
+recording. Here window borders are treated alike for all methods, see `motion.windows`.
 """
 
 from typing import Any, NamedTuple
@@ -22,19 +22,20 @@ from ha2g_jax.methods.method import Poses, Spec, generator_arguments, make_spec
 from ha2g_jax.methods.networks import identity_encoder, mean_style, resnet_se, speech_features
 from ha2g_jax.skeleton import Skeleton
 
-# W [h ; e] as two products, the words' one taken once for all frames: each half is drawn for the inputs of both.
+# W [h ; e] is computed as two products, that of the words once for all frames. Both halves are initialised for the
+# inputs of both.
 _HALF_LINEAR = initializers.linear(0.5**0.5)
 
 
 class Sentence(NamedTuple):
-    """What the decoder knows of the words."""
+    """What the decoder reads of the words."""
 
     words: jax.Array  # (B, T, h) e, one vector for each word in its sentence; 0 after the sentence's end
     states: jax.Array  # (B, layers, h) that the decoder starts from
 
 
 class SentenceEncoder(nn.Module):
-    """A bidirectional GRU over the words of a sentence, or over the features of frames in their place."""
+    """A bidirectional GRU over the words of a sentence, or over features of frames instead."""
 
     num_words: int
     embedding_dim: int
@@ -44,17 +45,17 @@ class SentenceEncoder(nn.Module):
 
     @nn.compact
     def __call__(self, x: jax.Array, *, train: bool) -> Sentence:
-        """Maps word indices (B, T), 0 after the sentence's end, or features (B, T, features) to a sentence.
+        """Map word indices (B, T), 0 after the sentence's end, or features (B, T, features) to a sentence.
 
-        The decoder's layers start from the first entries of the list (layer 1 forward, layer 1 backward, layer 2
-        forward, ...) of final states: with two layers from both directions of the bottom layer. The top layer would
-        be the natural choice; this is kept for parity with the published comparisons.
+        The layers of the decoder start from the first entries of the list of final states (layer 1 forward, layer 1
+        backward, layer 2 forward, ...): two layers start from both directions of the bottom layer. The top layer would
+        be the natural choice; we follow the published comparisons.
         """
         is_real = jnp.ones(x.shape[:2], bool)
         if x.ndim == 2:  # words
             is_real = x != 0
             spread = initializers.normal(self.embedding_dim**-0.5)
-            # As in `TextEncoder`: the rows' gradients are summed in float32.
+            # As in `TextEncoder`, the gradients of the rows are summed in float32.
             table = nn.Embed(
                 self.num_words, self.embedding_dim, dtype=jnp.float32, embedding_init=spread, name="embedding"
             )
@@ -87,10 +88,15 @@ class PoseDecoder(nn.Module):
 
             context = sum_i softmax_i(v . tanh(W [h ; e_i] + b)) e_i
 
-        where h is the top state and i runs over all T steps: those after the sentence's end are zero vectors, but
-        have their share of the weight. Kept for parity with the published comparisons. States, per layer
-        (B, hidden_dim), and pose, beside which there may be a style, are those of the frame before; the words are e
-        (B, T, hidden_dim), the keys their part of W [h ; e].
+        where h is the top state and i runs over all T steps. Steps after the sentence's end are zero vectors but have
+        a share of the weight, as in the published comparisons.
+
+        Args:
+            states: of the frame before, for each layer (B, hidden_dim).
+            pose: of the frame before (B, pose_dim), followed by the style if there is one.
+            words: e (B, T, hidden_dim).
+            keys: the part of W [h ; e] that depends on e.
+            train: whether to run in training mode.
         """
         attend = nn.Dense(self.hidden_dim, kernel_init=_HALF_LINEAR, name="attention_state")
         query = attend(states[-1].astype(pose.dtype))
@@ -108,10 +114,10 @@ class PoseDecoder(nn.Module):
 
 
 class Seq2Seq(nn.Module):
-    """The words of a window, without their times, or its sound, and M seed poses to N poses.
+    """Generator from the words of a window, without their times, or its sound, and M seed poses to N poses.
 
-    Of an identity it takes the mean, which is the style. Poses are flat, mean-subtracted direction vectors (D1). All
-    methods use "batch_stats"; `encode_speech` and `infer` draw from the stream "dropout" in training.
+    The style is the mean of the identity. Poses are flat, mean-subtracted direction vectors (D1). All methods use
+    "batch_stats"; `encode_speech` and `infer` draw from the stream "dropout" in training.
     """
 
     num_words: int
@@ -122,7 +128,7 @@ class Seq2Seq(nn.Module):
     layers: int = 2
     dropout: float = 0.1
     audio: AudioEncoder | None = None  # None for a model that reads the words
-    identity: Any = None  # encoder of images, None for a model that knows no speakers
+    identity: Any = None  # encoder of images, None for a model without identities
 
     def setup(self) -> None:
         self.text = SentenceEncoder(self.num_words, self.embedding_dim, self.hidden_dim, self.layers, self.dropout)
@@ -137,22 +143,22 @@ class Seq2Seq(nn.Module):
         return self.infer(self.encode_speech(inputs, train=train), style, seed_pose, train=train)
 
     def encode_speech(self, inputs: dict[str, jax.Array], *, train: bool) -> Sentence:
-        """Maps "plain_words" (B, T), word indices and then 0, or "mel" (B, 128, 70) in dB to a sentence."""
+        """Map "plain_words" (B, T), word indices padded with 0, or "mel" (B, 128, 70) in dB to a sentence."""
         if self.audio is None:
             return self.text(inputs["plain_words"], train=train)
         return self.text(speech_features(self.audio, None, inputs, train=train), train=train)
 
     def encode_identity(self, images: jax.Array, *, train: bool) -> tuple[jax.Array, jax.Array]:
-        """Maps images (B, M, S, S, 3) to mean and log-variance of the style, each (B, style_dim)."""
+        """Map images (B, M, S, S, 3) to mean and log-variance of the style, each (B, style_dim)."""
         return self.identity(images, train=train)
 
     def infer(self, sentence: Sentence, style: jax.Array, seed_pose: jax.Array, *, train: bool) -> tuple[jax.Array]:
-        """The roll-out, the same in training and in synthesis, from the true poses (B, M, pose_dim) of the first M
+        """Decode frame by frame, in training as in synthesis, from the true poses (B, M, pose_dim) of the first M
         frames, in a style (B, style_dim).
 
-        Frame 0 is copied from the seed. Frame t is decoded from the true pose t - 1 while t - 1 < M, then from the pose
-        decoded before. BatchNorm normalises each frame by itself; its running averages mix all frames. The only level
-        is (B, N, pose_dim).
+        Frame 0 is copied from the seed. Frame t is decoded from the true pose t - 1 while t - 1 < M, then from the
+        decoded pose t - 1. BatchNorm normalises each frame by itself; its running averages are over all frames. The
+        result is one level (B, N, pose_dim).
         """
         words, states = sentence
         keys = self.attention_words(words)
@@ -168,9 +174,9 @@ class Seq2Seq(nn.Module):
             return (states, pose), pose
 
         start = (tuple(jnp.moveaxis(states.astype(jnp.float32), 1, 0)), known[0])
-        if self.is_initializing():  # a scan cannot carry statistics that are not there yet
+        if self.is_initializing():  # a scan cannot carry statistics that do not exist yet
             step(self.decoder, start, (known[0], is_known[0]))
-        # Statistics go from frame to frame where they move, in training, and cannot where they do not.
+        # The scan carries the statistics in training, where they change; in evaluation they are constants.
         carried, fixed = (["batch_stats"], []) if self.is_mutable_collection("batch_stats") else ([], ["batch_stats"])
         scan = nn.scan(
             step,
@@ -182,24 +188,24 @@ class Seq2Seq(nn.Module):
         return (jnp.concatenate([seed_pose[:, :1], jnp.swapaxes(poses, 0, 1)], axis=1),)
 
 
-# Square below which the norm of a value that never moves has gradient 0, as a square root has none there.
+# Squared norm below which the gradient is 0, because a square root has none at 0, where a value never moves.
 _MIN_SQUARE = 1e-12
 
 
 def mse(poses: jax.Array, targets: jax.Array) -> jax.Array:
-    """Mean squared error over batch, frames and dimensions of mean-subtracted poses (B, N, pose_dim)."""
+    """Return the mean squared error over batch, frames and dimensions of mean-subtracted poses (B, N, pose_dim)."""
     return jnp.mean(jnp.square(poses - targets))
 
 
 def continuity(poses: jax.Array) -> jax.Array:
-    """How much poses (B, N, pose_dim) change from frame to frame: sum |y_t - y_(t-1)| / (B N pose_dim)."""
+    """Return the change of poses (B, N, pose_dim) from frame to frame: sum |y_t - y_(t-1)| / (B N pose_dim)."""
     return jnp.sum(jnp.abs(poses[:, 1:] - poses[:, :-1])) / poses.size
 
 
 def variance(poses: jax.Array) -> jax.Array:
-    """Minus how far poses y (B, N, pose_dim) are from the mean pose: - sum_(b, d) ||y_(b, :, d)||_2 / (B N pose_dim).
+    """Return the negative spread of poses y (B, N, pose_dim): - sum_(b, d) ||y_(b, :, d)||_2 / (B N pose_dim).
 
-    They are mean-subtracted, and the norm is taken along time.
+    The poses are mean-subtracted, and the norm is taken along time.
     """
     square = jnp.sum(jnp.square(poses), axis=1)
     return -jnp.sum(jnp.sqrt(jnp.maximum(square, _MIN_SQUARE))) / poses.size
@@ -214,14 +220,14 @@ encode_speech, encode_identity, sample = networks.encode_speech, networks.encode
 
 
 class Terms(NamedTuple):
-    """Terms of the objective, each () and unweighted; or their weights, floats."""
+    """Terms of the objective, each an unweighted scalar (), or their weights as floats."""
 
     mse: jax.Array
     continuity: jax.Array
     variance: jax.Array
 
 
-# The marks of a sentence's start and end, which follow the words of the vocabulary.
+# The tokens of a sentence's start and end, whose indices follow those of the vocabulary.
 _NUM_MARKS = 2
 
 
@@ -229,7 +235,7 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
     """Build the network of `config.model`; there is no discriminator. See `Method.build`.
 
     Raises:
-        UserError: it would have both words and sound for its sentence, or neither.
+        UserError: the config selects both words and sound for the sentence, or neither.
     """
     inferer, text, sound = config.model.inferer, config.model.text.kind, config.model.audio.kind
     if (text == "none") != (sound == "resnet_se"):

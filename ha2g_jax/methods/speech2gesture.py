@@ -1,4 +1,4 @@
-"""Speech2Gesture (Ginosar et al., CVPR 2019): a spectrogram to poses, with a discriminator of motion.
+"""Speech2Gesture (Ginosar et al., CVPR 2019): from a spectrogram to poses, with a discriminator of motion.
 
 Arrays have the channels last. "SAME" padding is that of XLA and TensorFlow: an odd remainder goes to the right and the
 bottom.
@@ -29,7 +29,7 @@ _VALID_KERNEL = 3  # of the last convolution on the spectrogram, which is not pa
 
 
 class Block(nn.Module):
-    """Convolution, BatchNorm, LeakyReLU 0.2, with "SAME" or "VALID" padding; with a stride of 2 it is a "down"."""
+    """Convolution, BatchNorm and LeakyReLU 0.2, with "SAME" or "VALID" padding; a stride of 2 makes a "down" block."""
 
     channels: int
     kernel: tuple[int, ...]
@@ -38,7 +38,7 @@ class Block(nn.Module):
 
     @nn.compact
     def __call__(self, x: jax.Array, *, train: bool) -> jax.Array:
-        """Maps (B, *space, inputs) to (B, *space / stride, channels), rounded up."""
+        """Map (B, *space, inputs) to (B, *space / stride, channels), rounded up."""
         x = _conv(self.channels, self.kernel, self.stride, self.padding, name="conv")(x)
         return nn.leaky_relu(BatchNorm(name="norm")(x, train=train), _SLOPE)
 
@@ -49,11 +49,10 @@ def _conv(channels: int, kernel: tuple[int, ...], stride: int = 1, padding: str 
 
 
 def lay_on_frames(x: jax.Array, num_frames: int, *, swapped: bool = False) -> jax.Array:
-    """Resizes (B, frequencies, times, channels) to (B, N, channels), bilinearly and with corners not aligned.
+    """Resize (B, frequencies, times, channels) to (B, N, channels), bilinearly and without aligned corners.
 
-    So time lies on the frames, as in the original work, and of the frequencies the mean of the two in the middle is
-    taken. If `swapped`, as the authors of HA2G did, frequency lies on the frames, and all hear the same moment, the one
-    in the middle.
+    Time is resampled to frames, as in the original work, and the two middle frequencies are averaged. If `swapped`, as
+    in the code of HA2G's authors, frequency is resampled to frames instead, so that all frames hear the middle moment.
     """
     if swapped:
         x = jnp.swapaxes(x, 1, 2)
@@ -62,9 +61,7 @@ def lay_on_frames(x: jax.Array, num_frames: int, *, swapped: bool = False) -> ja
 
 
 class SpectrogramEncoder(nn.Module):
-    """The two-dimensional part: frequencies are drawn together, each stage halves both axes, and time is laid on
-    frames.
-    """
+    """The two-dimensional part: each stage halves both axes of the spectrogram, then time is resampled to frames."""
 
     channels: tuple[int, ...]
     num_frames: int
@@ -72,7 +69,7 @@ class SpectrogramEncoder(nn.Module):
 
     @nn.compact
     def __call__(self, mel: jax.Array, *, train: bool) -> jax.Array:
-        """Maps the mel (B, 128, 70) in dB, -80 to 0, to (B, N, channels[-1])."""
+        """Map the mel (B, 128, 70) in dB, -80 to 0, to (B, N, channels[-1])."""
         x = (mel / MEL_RANGE + 1)[..., None]  # D3
         for index, channels in enumerate(self.channels):
             x = Block(channels, (3, 3), name=f"block_{index}")(x, train=train)
@@ -85,14 +82,14 @@ class SpectrogramEncoder(nn.Module):
 
 
 class UNet(nn.Module):
-    """The one-dimensional part: frames are halved `downs` times and doubled again, with sums across."""
+    """The one-dimensional part: frames are halved `downs` times and doubled again, with additive skip connections."""
 
     channels: int
     downs: int
 
     @nn.compact
     def __call__(self, x: jax.Array, *, train: bool) -> jax.Array:
-        """Maps (B, N, inputs) to (B, N, channels)."""
+        """Map (B, N, inputs) to (B, N, channels)."""
         for index in range(2):
             x = Block(self.channels, (3,), name=f"block_{index}")(x, train=train)
         skips = []
@@ -106,10 +103,11 @@ class UNet(nn.Module):
 
 
 class Speech2Gesture(nn.Module):
-    """The mel of a window and M seed poses to N poses; no words, and of an identity the mean, which is the style.
+    """Generator from the mel of a window and M seed poses to N poses.
 
-    Poses are flat, mean-subtracted direction vectors (D1). Both methods use "batch_stats". The stages on the
-    spectrogram have `audio_channels`, blocks on frames `channels`; for `swapped_axes` see `lay_on_frames`.
+    It reads no words, and the style is the mean of the identity. Poses are flat, mean-subtracted direction vectors
+    (D1). All methods use "batch_stats". The stages on the spectrogram have `audio_channels`, the blocks on frames
+    `channels`; for `swapped_axes` see `lay_on_frames`.
     """
 
     pose_dim: int
@@ -118,7 +116,7 @@ class Speech2Gesture(nn.Module):
     channels: int = 256
     downs: int = 5
     swapped_axes: bool = False
-    identity: Any = None  # encoder of images, None for a model that knows no speakers
+    identity: Any = None  # encoder of images, None for a model without identities
 
     def setup(self) -> None:
         self.audio = SpectrogramEncoder(self.audio_channels, self.num_frames, self.swapped_axes)
@@ -137,18 +135,18 @@ class Speech2Gesture(nn.Module):
         return self.infer(self.encode_speech(inputs, train=train), style, seed_pose, train=train)
 
     def encode_speech(self, inputs: dict[str, jax.Array], *, train: bool) -> jax.Array:
-        """Maps "mel" (B, 128, 70) in dB to features on frames (B, N, channels)."""
+        """Map "mel" (B, 128, 70) in dB to features on frames (B, N, channels)."""
         return self.unet(self.audio(inputs["mel"], train=train), train=train)
 
     def encode_identity(self, images: jax.Array, *, train: bool) -> tuple[jax.Array, jax.Array]:
-        """Maps images (B, M, S, S, 3) to mean and log-variance of the style, each (B, style_dim)."""
+        """Map images (B, M, S, S, 3) to mean and log-variance of the style, each (B, style_dim)."""
         return self.identity(images, train=train)
 
     def infer(self, features: jax.Array, style: jax.Array, seed_pose: jax.Array, *, train: bool) -> tuple[jax.Array]:
-        """Decodes features (B, N, channels), a style (B, style_dim) and the true poses (B, M, pose_dim) of the first M
+        """Decode features (B, N, channels), a style (B, style_dim) and the true poses (B, M, pose_dim) of the first M
         frames.
 
-        The only level (B, N, pose_dim) has the seed frames predicted as well.
+        The result is one level (B, N, pose_dim), in which the seed frames are predicted as well.
         """
         start = nn.relu(self.seed_norm(self.seed_in(seed_pose.reshape(len(seed_pose), -1)), train=train))
         start = jnp.concatenate([self.seed_out(start), style], axis=-1)
@@ -160,13 +158,13 @@ class Speech2Gesture(nn.Module):
 
 
 class PatchDiscriminator(nn.Module):
-    """Motion, as the differences between frames, to one score for each patch of frames.
+    """Discriminator of motion, the differences between frames, with one score for each patch of frames.
 
     34 poses become 33 differences, 17, 9, 9 and 9 scores.
 
     Attributes:
-        channels: of the first convolution; the next two have twice and four times as many.
-        differences: how often they are taken; the authors of HA2G took them twice, which gives 8 scores.
+        channels: channels of the first convolution; the next two have twice and four times as many.
+        differences: order of the differences; the authors of HA2G took 2, which gives 8 scores.
     """
 
     channels: int = 64
@@ -174,7 +172,7 @@ class PatchDiscriminator(nn.Module):
 
     @nn.compact
     def __call__(self, poses: jax.Array, *, train: bool) -> jax.Array:
-        """Maps mean-subtracted poses (B, N, pose_dim) to scores (B, patches), for a least-squares loss."""
+        """Map mean-subtracted poses (B, N, pose_dim) to scores (B, patches), for a least-squares loss."""
         x = jnp.diff(poses, self.differences, axis=1)
         x = nn.leaky_relu(_conv(self.channels, (4,), stride=2, name="conv_in")(x), _SLOPE)
         x = Block(2 * self.channels, (4,), stride=2, name="down")(x, train=train)
@@ -183,7 +181,7 @@ class PatchDiscriminator(nn.Module):
 
 
 def l1(poses: jax.Array, targets: jax.Array) -> jax.Array:
-    """Mean absolute error over batch, all frames and dimensions of mean-subtracted poses (B, N, pose_dim)."""
+    """Return the mean absolute error over batch, frames and dimensions of mean-subtracted poses (B, N, pose_dim)."""
     return jnp.mean(jnp.abs(poses - targets))
 
 
@@ -196,7 +194,7 @@ encode_speech, encode_identity, sample = networks.encode_speech, networks.encode
 
 
 class Terms(NamedTuple):
-    """Terms of the objective, each () and unweighted; or their weights, floats."""
+    """Terms of the objective, each an unweighted scalar (), or their weights as floats."""
 
     l1: jax.Array
     gan: jax.Array
@@ -205,11 +203,11 @@ class Terms(NamedTuple):
 def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
     """Build the networks of `config.model`; see `Method.build`.
 
-    With `config.model.legacy` they have as many parameters, but frequency lies where time belongs and the
-    discriminator sees differences of differences, as the authors of HA2G compared with it.
+    `config.model.legacy` builds them as the authors of HA2G compared with them: with as many parameters, but the axes
+    of time and frequency are swapped and the discriminator sees second differences.
 
     Raises:
-        UserError: there are more stages than the spectrogram of a window has room for.
+        UserError: there are more stages than the spectrogram of a window can be halved.
     """
     del vocabulary_size
     legacy = config.model.legacy
@@ -228,7 +226,7 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
 
 
 def _check_stages(config: Config) -> None:
-    """Check that the stages of the spectrogram leave as much of it as the convolution after them needs."""
+    """Check that the spectrogram after its stages is large enough for the convolution that follows."""
     sides = (NUM_MELS, window_columns(config.data.num_frames, config.data.fps))
     stages = len(config.model.audio.spectrogram.channels)
     if min(-(-side // 2**stages) for side in sides) < _VALID_KERNEL:

@@ -1,4 +1,4 @@
-"""Trimodal (Yoon et al. 2020): speech, words and speaker to poses, with an adversary and a style that diverges."""
+"""Trimodal (Yoon et al. 2020): from speech, words and speaker to poses, with adversarial and style diverging losses."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -22,14 +22,14 @@ from ha2g_jax.skeleton import Skeleton
 
 
 class Trimodal(nn.Module):
-    """Speech audio, its words, a speaker and M seed poses to N poses.
+    """Generator from speech audio, its words, a speaker and M seed poses to N poses.
 
     Every method can be the `method=` of `apply`. Poses are flat, mean-subtracted direction vectors (D1). All but
     `infer` use "batch_stats"; it and `encode_speech` draw from the stream "dropout" in training.
     """
 
     audio: WaveformEncoder | AudioEncoder
-    text: TextEncoder | None  # None for a model of sound alone
+    text: TextEncoder | None  # None for a model that reads no words
     identity: SpeakerIdentity | ImageIdentity
     pose_dim: int
     hidden_dim: int = 300
@@ -43,25 +43,25 @@ class Trimodal(nn.Module):
     def __call__(
         self, inputs: dict[str, jax.Array], identity: jax.Array, seed_pose: jax.Array, *, train: bool
     ) -> tuple[jax.Array, ...]:
-        """Runs every part once, with the mean for the style; returns the poses, as `infer`."""
+        """Run every part once, with the mean for the style; returns the poses, as `infer`."""
         mean, _ = self.encode_identity(identity, train=train)
         return self.infer(self.encode_speech(inputs, train=train), mean, seed_pose, train=train)
 
     def encode_speech(self, inputs: dict[str, jax.Array], *, train: bool) -> jax.Array:
-        """Maps "audio" (B, 36267), or "mel", and "words" (B, N) to (B, N, features); see `networks.speech_features`."""
+        """Map "audio" (B, 36267), or "mel", and "words" (B, N) to (B, N, features); see `networks.speech_features`."""
         return speech_features(self.audio, self.text, inputs, train=train)
 
     def encode_identity(self, identity: jax.Array, *, train: bool) -> tuple[jax.Array, jax.Array]:
-        """Maps speaker indices (B,) or images to mean and log-variance of z, each (B, style_dim)."""
+        """Map speaker indices (B,) or images to mean and log-variance of z, each (B, style_dim)."""
         return self.identity(identity, train=train)
 
     def infer(
         self, features: jax.Array, style: jax.Array, seed_pose: jax.Array, *, train: bool
     ) -> tuple[jax.Array, ...]:
-        """Every frame sees its seed pose or zeros, a bit that marks seeds, the speech and the style.
+        """Decode poses; every frame reads its seed pose or zeros, a bit that marks seeds, the speech and the style.
 
         Features (B, N, features) of `encode_speech`, a style z (B, style_dim) and the true poses (B, M, pose_dim) of
-        the first M frames give one level (B, N, pose_dim), the seed frames predicted as well. Poses are
+        the first M frames give one level (B, N, pose_dim), in which the seed frames are predicted as well. Poses are
         mean-subtracted.
         """
         (batch, num_frames), num_seed_frames = features.shape[:2], seed_pose.shape[1]
@@ -84,7 +84,7 @@ _SLOPES = {"paper": (0.01, 0.2), "release": (1.0, 1.0)}
 
 
 class Terms(NamedTuple):
-    """Terms of the objective, each () and unweighted; or their weights, floats."""
+    """Terms of the objective, each an unweighted scalar (), or their weights as floats."""
 
     huber: jax.Array
     style: jax.Array
@@ -100,16 +100,16 @@ class LossSettings(NamedTuple):
 
 
 class Outputs(NamedTuple):
-    """Results of the generator that the objective is differentiated by."""
+    """Outputs of the generator that gradients flow through."""
 
     poses: tuple[jax.Array]  # one level, (B, N, pose_dim), mean-subtracted
-    mean: jax.Array  # (B, 16) of the style, as the log-variance
+    mean: jax.Array  # (B, 16) of the style, like the log-variance
     log_variance: jax.Array
 
 
 class Constants(NamedTuple):
-    """The same speech in the style `other_z` (B, 16) of another speaker of the batch, beside the own z; no gradient
-    flows through it.
+    """Values for the style term, without a gradient: each clip's z, the style `other_z` of another speaker of the
+    batch, both (B, 16), and the poses of the same speech in that style.
     """
 
     poses: jax.Array
@@ -145,10 +145,10 @@ def run(
     train: bool = True,
     compute: Compute = FLOAT32,
 ) -> Run[Outputs, Constants]:
-    """Run the generator on one batch, for its own speakers and, in the same run, for a permutation of them.
+    """Run the generator on one batch, with its own speakers and, in the same run, with a permutation of them.
 
     Each of the two has its own sample of the style, so that they differ even where a speaker stays in place.
-    Evaluation mode takes the mean of each style, not a sample. See `Method.run`.
+    In evaluation mode the style is the mean, not a sample. See `Method.run`.
     """
     speech, speaker, seed_pose = generator_arguments(spec, batch)
     (features, (mean, log_variance)), batch_stats = apply(
@@ -162,7 +162,7 @@ def run(
         z, other_z = z + deviation * noise[0], other_z + deviation[order] * noise[1]
     other_z = jax.lax.stop_gradient(other_z)
 
-    # The two of a clip lie side by side on the batch axis, so that a batch split over devices stays where it is.
+    # Both runs of a clip are neighbours on the batch axis, so that no data moves between devices.
     styles = jnp.stack([z, other_z], axis=1).reshape(2 * len(z), -1)
     twice = jnp.repeat(features, 2, axis=0), styles, jnp.repeat(seed_pose, 2, axis=0)
     (poses,), _ = apply(

@@ -12,8 +12,8 @@ import jax
 import jax.numpy as jnp
 
 # D13: a pair of bones is rigid if the standard deviation of its angle in the training split is less than 2 degrees. In
-# TED-Expressive these are 10 of the 41 pairs, bones of the palms and of the head, with 0.9 to 1.8 degrees; the next has
-# 2.8 degrees.
+# TED-Expressive these are 10 of the 41 pairs, bones of the palms and of the head, with 0.9 to 1.8 degrees; the next
+# larger deviation is 2.8 degrees.
 _RIGID_VARIANCE = (2 / 180) ** 2
 # Norm below which a feature counts as zero: its cosine fades to 0 and its gradient stays below 1000.
 _MIN_FEATURE_NORM = 1e-3
@@ -29,9 +29,9 @@ def huber(predictions: Sequence[jax.Array], targets: Sequence[jax.Array], delta:
                |x| - delta / 2  otherwise
 
     of H arrays (B, N, d^h) of mean-subtracted direction vectors. Each level counts equally, whatever its number of
-    dimensions. D8: delta is 0.1, and the line has slope 1 (Huber's function divided by delta, also called smooth L1).
-    D14: the levels are added and not averaged, so that a weight is that of one level, as in the public code, and the
-    last level alone is fitted as strictly with 3 levels as with 6.
+    dimensions. D8: delta is 0.1, and the linear part has slope 1 (Huber's function divided by delta, also called smooth
+    L1). D14: the levels are summed, not averaged, as in the public code, so that the last level has the same weight
+    with 3 levels as with 6.
     """
     levels = [jnp.mean(smooth_l1(p - t, delta)) for p, t in zip(predictions, targets, strict=True)]
     return jnp.sum(jnp.stack(levels))
@@ -43,8 +43,8 @@ def physical(angles: jax.Array, mean: jax.Array, variance: jax.Array) -> jax.Arr
         - sum_j log N(theta_j; mu_j, sigma_j^2)
 
     over the pairs j that move, including the normalising constant, so that the value may be negative. D13: rigid pairs
-    are left out (`is_rigid`). Divided by a variance near 0, their gradient would be many times that of all other terms,
-    and the Huber term fits their bones anyway. If all pairs are rigid, it is 0.
+    are left out (`is_rigid`). Because of the division by a variance near 0, their gradient would be many times that of
+    all other terms, and the Huber term fits their bones anyway. If all pairs are rigid, the loss is 0.
 
     Args:
         angles: (B, N, pairs) angles of restored poses in units of pi (`skeleton.joint_angles` / pi).
@@ -59,13 +59,14 @@ def physical(angles: jax.Array, mean: jax.Array, variance: jax.Array) -> jax.Arr
 
 
 def angle(angles: jax.Array, targets: jax.Array) -> jax.Array:
-    """Return the squared error of the angles, which is not the paper's (D21), the mean over batch and frames of
+    """Return the squared error of the angles, a term of our own (D21), the mean over batch and frames of
 
         sum_j (theta_j - theta'_j)^2
 
-    over all pairs j of Eq. 8. `huber` compares directions in space, where a finger points as its palm does; how far it
-    is bent is an angle. A squared error is least at the mean of what may follow, so that fingers bend by a part before
-    a word is certain. An absolute error, which `huber` nearly is, is least at the median: they stay at rest.
+    over all pairs j of Eq. 8. `huber` compares directions in space, which for a finger depend mostly on the palm; how
+    far the finger is bent is an angle. A squared error is least at the mean of the possible outcomes, so that fingers
+    bend a little before a word is certain. An absolute error, which `huber` nearly is, is least at the median, so that
+    they stay at rest.
 
     Args:
         angles, targets: (B, N, pairs) angles of the poses and of the true poses in units of pi.
@@ -74,7 +75,7 @@ def angle(angles: jax.Array, targets: jax.Array) -> jax.Array:
 
 
 def is_rigid(variance: Any) -> Any:
-    """Return for each pair of bones whether its angle, of this variance in units of pi^2, counts as rigid (D13)."""
+    """Return for each pair of bones whether it is rigid (D13), from the variance of its angle in units of pi^2."""
     return variance < _RIGID_VARIANCE
 
 
@@ -93,8 +94,8 @@ def style(
 
     of outputs (B, N, pose_dim) for two styles (B, 18), with `clip` for epsilon. D15: the scale is that of the public
     code. Huber's function, divided by delta as in `huber`, is summed over frames and dimensions; the distance of the
-    styles is the mean over their values, which makes the term 18 times that with the L1 norm. No gradient passes
-    through `other_poses` and the styles. The paper has no 1e-5 in the denominator; with it, ratio and gradient are zero
+    styles is the mean over their values, which makes the term 18 times as large as with the L1 norm. No gradient passes
+    through `other_poses` and the styles. The paper has no 1e-5 in the denominator; it makes ratio and gradient zero
     where both the styles and the outputs are equal.
     """
     other_poses, f_id, other_f_id = jax.lax.stop_gradient((other_poses, f_id, other_f_id))
@@ -108,8 +109,8 @@ def kld(mean: jax.Array, log_variance: jax.Array) -> jax.Array:
 
         -1/2 (1 + log s^2 - m^2 - s^2)
 
-    for means m and log-variances log s^2 (B, 18). D16: the mean over the values, as in the public code; the weight
-    of 0.1 refers to it. With the sum over the 18 values, all styles collapse to the prior at this weight.
+    for means m and log-variances log s^2 (B, 18). D16: we take the mean over the values, as the public code does, and
+    the weight of 0.1 is meant for it. With the sum over the 18 values, all styles collapse to the prior at this weight.
     """
     return jnp.mean(-0.5 * (1 + log_variance - mean**2 - jnp.exp(log_variance)))
 
@@ -128,10 +129,10 @@ def contrastive(
         - log( exp(sim(f_t, f_high) / tau) / sum_i sum_l exp(sim(f_t, f_l(i)) / tau) )
 
     of features (B, N, 32) aligned in time, where sim is the cosine, i runs over all frames of all windows of the batch
-    (including the positive) and l over the three levels. The sum is computed in blocks of candidates, forward and
-    backward, so that the memory grows with B N and not with its square. A zero vector, which silence may cause, has
-    cosine 0. `negatives` are the levels l of the sum; two rows of Table 3 leave some out. The positive is always part
-    of the sum. There are gradients in reverse mode, but none in forward mode (`jax.jvp`).
+    (including the positive) and l over the levels in `negatives`; two rows of Table 3 leave some out. The positive is
+    always part of the sum. Both passes compute the sum in blocks of candidates, so that memory grows with B N and not
+    with its square. A zero vector, which silence may cause, has cosine 0. Reverse-mode gradients work; forward mode
+    (`jax.jvp`) does not.
     """
     dim = text.shape[-1]
     text, low, mid, high = (_unit(features.reshape(-1, dim)) for features in (text, low, mid, high))
@@ -193,7 +194,7 @@ _blocked_log_sum_exp.defvjp(_forward, _backward)
 
 
 def _blocks(candidates: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Cut candidates (K, d) into padded blocks (blocks, size, d); also return (blocks, size), which are not padding."""
+    """Cut candidates (K, d) into padded blocks (blocks, size, d); also return which are not padding, (blocks, size)."""
     count, dim = candidates.shape
     num_blocks = -(-count // _CANDIDATE_BLOCK)
     size = -(-count // num_blocks)

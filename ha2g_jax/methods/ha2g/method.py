@@ -38,9 +38,9 @@ encode_speech, encode_identity, sample = networks.encode_speech, networks.encode
 
 
 class Terms(NamedTuple):
-    """Terms of Eq. 9, each () and unweighted, or their weights, floats; `losses` has the equations.
+    """Terms of Eq. 9, each an unweighted scalar (), or their weights as floats; `losses` has the equations.
 
-    `angle` is not of Eq. 9 (D21); its weight is 0 but in the factorial study.
+    `angle` is not in Eq. 9 (D21); its weight is 0 except in the factorial study.
     """
 
     gan: jax.Array
@@ -64,18 +64,18 @@ class LossSettings(NamedTuple):
 
 
 class Outputs(NamedTuple):
-    """Results of the generator that the objective is differentiated by."""
+    """Outputs of the generator that gradients flow through."""
 
     poses: tuple[jax.Array, ...]  # H arrays (B, N, d^h), mean-subtracted
     features: Features  # of the audio, each (B, N, 32)
     text: jax.Array  # (B, N, 32)
-    mean: jax.Array  # (B, 18) of the identity, as the log-variance
+    mean: jax.Array  # (B, 18) of the identity, like the log-variance
     log_variance: jax.Array
 
 
 class Constants(NamedTuple):
-    """The same speech with another identity of the batch (B, 18), beside the own f_id, as poses (B, N, pose_dim) of the
-    last level; no gradient flows through it.
+    """Values for the style term, without a gradient: each clip's f_id, another identity of the batch, both (B, 18), and
+    the poses (B, N, pose_dim) of the last level for the same speech with the other identity.
     """
 
     poses: jax.Array
@@ -97,19 +97,19 @@ def run(
     compute: Compute = FLOAT32,
     exchange: Callable[[jax.Array, jax.Array], jax.Array] = _roll,
 ) -> Run[Outputs, Constants]:
-    """Run the generator on one batch, for its own identities and for a permutation of them.
+    """Run the generator on one batch, with the identities of its clips and with a permutation of them.
 
-    Audio, text and identity are encoded once, for the whole batch, whose statistics BatchNorm takes. The pose
-    inferer runs once for each of the two identities of a clip. It treats each clip by itself, so that in training it
-    can take the batch in `compute.num_parts` parts. Evaluation mode takes the mean of each identity, not a sample.
-    `exchange` maps the identities (B, 18) and a shift () to those of another clip for each; see also `Method.run`.
+    Audio, text and identity are encoded once for the whole batch, as BatchNorm needs. The pose inferer runs once for
+    each of the two identities of a clip. It treats each clip by itself, so that in training it can process the batch in
+    `compute.num_parts` parts. In evaluation mode the identity is the mean, not a sample. `exchange` maps the identities
+    (B, 18) and a shift () to identities (B, 18) of other clips; see also `Method.run`.
     """
     speech, identity, seed_pose = generator_arguments(spec, batch)
     (features, text, (mean, log_variance)), batch_stats = apply(
         spec.generator, variables, keys["dropout"], speech, identity, train=train, compute=compute, method=encode
     )
     f_id = draw_identity(keys["identity"], mean, log_variance) if train else mean
-    # A cyclic shift of the batch: no clip, unless alone, keeps its own identity.
+    # A cyclic shift of the batch, so that no clip keeps its own identity unless it is the only one.
     shift = jax.random.randint(keys["permutation"], (), 1, max(len(mean), 2))
     other_f_id = jax.lax.stop_gradient(exchange(f_id, shift))
 
@@ -151,10 +151,10 @@ def _infer_both(
     train: bool,
     compute: Compute,
 ) -> tuple[tuple[jax.Array, ...], jax.Array]:
-    """Return the poses of each level with the own identity, (B, N, d^h), and those of the last with the other.
+    """Return the poses of each level with a clip's own identity, (B, N, d^h), and the last level with the other one.
 
-    The gradient of the style term reaches only the poses with the own identity. The other poses are therefore computed
-    in a second run without a gradient, which costs less than one run and one gradient of twice the batch.
+    The gradient of the style term reaches only the poses with the clip's own identity. The other poses are therefore
+    computed in a second run without a gradient, which costs less than one run with a gradient on twice the batch.
     """
 
     def infer(variables: Variables, key: jax.Array, *clips: Any) -> tuple[jax.Array, ...]:
@@ -193,10 +193,10 @@ def loss_settings(settings: Mapping[str, Any]) -> LossSettings:
 
 
 def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
-    """Build the networks of `config.model`, the ablations of Tables 3 and 4 included; see `Method.build`.
+    """Build the networks of `config.model`, including the ablations of Tables 3 and 4; see `Method.build`.
 
     Raises:
-        UserError: the inferer has no such levels, or the size of Whisper's mel is another one.
+        UserError: the inferer cannot have these levels, or Whisper's mel spectrogram has another size.
     """
     audio, inferer = config.model.audio, config.model.inferer
     encoder = _whisper(config) if audio.kind == "whisper" else resnet_se(config)
@@ -216,13 +216,13 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
     )
     discriminator = Discriminator(**config.model.discriminator)
     inputs = (*encoder.inputs, "words")
-    # The words serve the contrastive loss alone, so that generation does without them.
+    # Only the contrastive loss needs the words; generation does not.
     needed = inputs if generator.reads_words else encoder.inputs
     return make_spec(config, skeleton, generator, discriminator, inputs=needed, training_inputs=inputs)
 
 
 def _level_channels(levels: tuple[int, ...], skeleton: Skeleton) -> tuple[tuple[int, ...], ...]:
-    """The channels of the levels that the pose inferer has a stage for: all, or those that an ablation leaves."""
+    """Return the channels of each level that has a stage: of all levels, or of those that an ablation keeps."""
     numbers = tuple(levels) or tuple(range(1, skeleton.num_levels + 1))
     if list(numbers) != sorted(set(numbers)) or numbers[0] < 1 or numbers[-1] != skeleton.num_levels:
         raise UserError(
@@ -248,10 +248,10 @@ def _whisper(config: Config) -> AsrAudioEncoder:
 
 
 def _in_parts(function: Any, count: int, key: jax.Array, clips: Any) -> Any:
-    """`function(key, clips)` for one part of the clips after the other.
+    """Return `function(key, clips)`, computed for one part of the clips after the other.
 
-    What a part has computed on its way is not kept, but computed again when the gradient needs it. Part p has clips
-    p, p + count, ...: as the clips of a device lie side by side, it takes as many of each, and none moves.
+    Intermediate results of a part are not kept, but computed again for the gradient. Part p has clips p, p + count, ...
+    As the clips of a device are neighbours, each part has equally many from every device, and no clip moves.
     """
 
     def part(_: None, inputs: Any) -> tuple[None, Any]:
@@ -264,5 +264,5 @@ def _in_parts(function: Any, count: int, key: jax.Array, clips: Any) -> Any:
         return jnp.moveaxis(x, 0, 1).reshape(-1, *x.shape[2:])
 
     inputs = (jax.random.split(key, count), jax.tree.map(divide, clips))
-    # The loop itself keeps the two passes apart; the barriers that do it elsewhere would only cost.
+    # The loop itself keeps the forward pass and its recomputation apart; optimisation barriers would only cost time.
     return jax.tree.map(join, jax.lax.scan(jax.checkpoint(part, prevent_cse=False), None, inputs)[1])

@@ -19,8 +19,8 @@ class PoseStage(nn.Module):
         g^h = BiGRU([p^(h-1) ; f_a^h ; bit])        (B, N, hidden_dim), the sum of both directions
         p^h = W^h [g^h ; p^(h-1) ; f_a^h] + b^h     (B, N, d^h)
 
-    Decision D7: the bidirectional GRU reads p^(h-1), as it cannot feed back its own output. In the frames of the seed
-    pose p^(h-1) is the seed pose and the bit is 1, see `HA2G.infer`.
+    D7: the GRU reads p^(h-1), because a bidirectional one cannot be fed its own output. In the frames of the seed pose,
+    p^(h-1) is the seed pose and the bit is 1, see `HA2G.infer`.
     """
 
     pose_dim: int
@@ -30,7 +30,7 @@ class PoseStage(nn.Module):
 
     @nn.compact
     def __call__(self, previous: jax.Array, audio: jax.Array, is_seed: jax.Array, *, train: bool) -> jax.Array:
-        """Maps p^(h-1) (B, N, channels), f_a^h (B, N, features) and the seed bit (B, N, 1) to p^h (B, N, d^h)."""
+        """Map p^(h-1) (B, N, channels), f_a^h (B, N, features) and the seed bit (B, N, 1) to p^h (B, N, d^h)."""
         inputs = jnp.concatenate([previous, audio, is_seed], axis=-1)
         hidden = BiGRU(self.hidden_dim, self.layers, self.dropout, name="gru")(inputs, train=train)
         outputs = jnp.concatenate([hidden, previous, audio], axis=-1)
@@ -38,14 +38,14 @@ class PoseStage(nn.Module):
 
 
 class StyleCoordinator(nn.Module):
-    """How much each audio level counts in each level of the motion, from the identity (HA2G, section 3.2):
+    """Weights of the audio levels in each level of the motion, computed from the identity (HA2G, section 3.2):
 
         C[l, h] = exp((W f_id)[l, h]) / sum_k exp((W f_id)[k, h]),   k over `audio_levels`
 
     Attributes:
-        audio_levels: of low, mid and high, those that may count; the others have weight 0 (Table 3).
+        audio_levels: those of low, mid and high that are blended; the others have weight 0 (Table 3).
         is_tied: whether all levels of the motion share one column (Table 4, "same audio").
-        has_style: whether the weights follow from the identity; otherwise they are the same for all.
+        has_style: whether the weights depend on the identity; otherwise they are the same for all.
     """
 
     num_levels: int
@@ -55,7 +55,7 @@ class StyleCoordinator(nn.Module):
 
     @nn.compact
     def __call__(self, f_id: jax.Array) -> jax.Array:
-        """Maps f_id (B, 18) to C (B, 3, H), whose columns over low, mid and high sum to 1."""
+        """Map f_id (B, 18) to C (B, 3, H), whose columns over low, mid and high sum to 1."""
         num_audio, num_columns = len(Features._fields), 1 if self.is_tied else self.num_levels
         f_id = f_id if self.has_style else jnp.ones_like(f_id[:, :1])
         scores = Linear(num_audio * num_columns, name="linear")(f_id)
@@ -66,7 +66,7 @@ class StyleCoordinator(nn.Module):
 
 
 class HA2G(nn.Module):
-    """Speech audio, an identity and M seed poses to N poses on each level of the motion hierarchy:
+    """Generator from speech audio, an identity and M seed poses to N poses on each level of the motion hierarchy:
 
         f_low, f_mid, f_high = E_a(audio)                encode_speech
         f_id ~ N(mean, s^2),  mean, log s^2 = E_ID       encode_identity
@@ -80,13 +80,13 @@ class HA2G(nn.Module):
     Attributes:
         audio: E_a, which maps one input, named by its `inputs`, to `Features`.
         text: E_t; its features serve the contrastive loss only, never the poses.
-        level_channels: channels of the flat pose that each level h = 1..H holds (`Skeleton.level_channels`, or some
-            of them, the last included, where an ablation leaves levels out).
-        audio_levels, is_tied: of the style coordinator.
-        has_coordinator: whether the identity chooses the blend of the audio; otherwise every stage reads the identity
-            beside a blend that is the same for all, a control of the coordinator.
-        reads_words: whether f_t is in the place of f_high, an oracle that is told the words.
-        noise_dim: channels of the noise that every stage reads beside the audio; none in the paper, see
+        level_channels: channels of the flat pose that each level h = 1..H holds (`Skeleton.level_channels`; an ablation
+            may leave levels out, but not the last).
+        audio_levels, is_tied: attributes of the style coordinator.
+        has_coordinator: whether the identity determines the blend of the audio levels; otherwise the blend is the same
+            for all and every stage also reads the identity, as a control of the coordinator.
+        reads_words: whether f_t replaces f_high, an oracle that is told the words.
+        noise_dim: channels of noise that every stage reads together with the audio; 0 in the paper, see
             `methods.energy_ha2g`.
     """
 
@@ -116,7 +116,7 @@ class HA2G(nn.Module):
     def __call__(
         self, inputs: dict[str, jax.Array], identity: jax.Array, seed_pose: jax.Array, *, train: bool
     ) -> tuple[jax.Array, ...]:
-        """Runs every part once, with the mean for f_id; returns the poses of each level, as `infer`."""
+        """Run every part once, with the mean for f_id; returns the poses of each level, as `infer`."""
         features = self.encode_speech(inputs, train=train)
         self.encode_text(inputs["words"], train=train)
         mean, _ = self.encode_identity(identity, train=train)
@@ -124,27 +124,27 @@ class HA2G(nn.Module):
         return self.infer(features, mean, seed_pose, noise, train=train)
 
     def encode_speech(self, inputs: dict[str, jax.Array], *, train: bool) -> Features:
-        """Maps the spectrogram of windows, such as "mel" (B, 128, 70) in dB, to f_low, f_mid, f_high (B, N, 32)."""
+        """Map the spectrogram of windows, such as "mel" (B, 128, 70) in dB, to f_low, f_mid, f_high (B, N, 32)."""
         (name,) = self.audio.inputs
         features = self.audio(inputs[name], train=train)
         return features._replace(high=self.text(inputs["words"], train=train)) if self.reads_words else features
 
     def encode_text(self, words: jax.Array, *, train: bool) -> jax.Array:
-        """Maps word indices on frames (B, N) to f_t (B, N, 32)."""
+        """Map word indices on frames (B, N) to f_t (B, N, 32)."""
         return self.text(words, train=train)
 
     def encode_identity(self, identity: jax.Array, *, train: bool) -> tuple[jax.Array, jax.Array]:
-        """Maps images (B, M, S, S, 3) or speaker indices (B,) to mean and log-variance of f_id, each (B, 18)."""
+        """Map images (B, M, S, S, 3) or speaker indices (B,) to mean and log-variance of f_id, each (B, 18)."""
         return self.identity(identity, train=train)
 
     def coordinate(self, f_id: jax.Array) -> jax.Array:
-        """Maps f_id (B, 18) to the style coordinator C (B, 3, H)."""
+        """Map f_id (B, 18) to the style coordinator C (B, 3, H)."""
         return self.coordinator(f_id)
 
     def blend(self, features: Features, f_id: jax.Array, noise: jax.Array | None = None) -> jax.Array:
-        """Maps the features, each (B, N, 32), to f_a (H, B, N, 32) of each level of the motion (Eq. 3).
+        """Map the features, each (B, N, 32), to f_a (H, B, N, 32), one blend for each level of the motion (Eq. 3).
 
-        Behind them stand f_id (B, 18) where the coordinator does not read it, and the noise (B, N, noise_dim).
+        After the 32 channels follow f_id (B, 18) if there is no coordinator, and the noise (B, N, noise_dim) if given.
         """
         blended = jnp.einsum("blh,blnf->hbnf", self.coordinate(f_id), jnp.stack(features, axis=1))
         others = [] if self.has_coordinator else [f_id[:, None]]
@@ -162,20 +162,20 @@ class HA2G(nn.Module):
         *,
         train: bool,
     ) -> tuple[jax.Array, ...]:
-        """Pose inferer, coarse to fine (Eq. 3 and 4).
+        """Infer poses, coarse to fine (Eq. 3 and 4).
 
-        Stage h sees p^(h-1) in the frames after the seed pose, and in those of the seed pose the seed pose. D7: it is
-        that of the stage's own level h, so that all of it reaches the poses whatever levels an ablation leaves out;
-        the channels that level h adds to level h - 1 are 0 in the frames after it. For stage 1, p^0 is 0.
+        Stage h reads the seed pose in its frames, and p^(h-1) in the frames after it; p^0 is 0. D7: the seed pose has
+        the channels of level h, so that all of it is read whatever levels an ablation leaves out; the channels that
+        level h adds to level h - 1 are 0 after the seed pose.
 
         Args:
             features: f_low, f_mid, f_high, each (B, N, 32).
             f_id: (B, 18) identity, sampled or the mean.
             seed_pose: (B, M, pose_dim) true poses of the first M frames, mean-subtracted.
-            noise: (B, N, noise_dim), None for a model without.
+            noise: (B, N, noise_dim), None for a model without noise.
 
         Returns:
-            Per level (B, N, d^h), mean-subtracted, the frames of the seed pose predicted as well.
+            For each level (B, N, d^h), mean-subtracted; the frames of the seed pose are predicted as well.
         """
         batch, num_frames = features[0].shape[:2]
         is_seed = jnp.broadcast_to(jnp.arange(num_frames)[:, None] < self.num_seed_frames, (batch, num_frames, 1))

@@ -1,9 +1,9 @@
-"""HA2G, the generator with the networks of the authors' public code, for the weights that were released.
+"""HA2G, the generator with the networks of the authors' public code, which run the released weights.
 
-It differs from the paper and from `model.py` as follows. Every level of the motion has a text encoder and a table of
-speakers of its own, whose features and style enter its GRU, so that words are needed to generate. A perceptron maps the
-states of the GRU to poses. Identities are those of a table; the style coordinator has another table, and is a
-perceptron itself. The networks see the spectrogram in dB. docs/released_weights.md has the whole comparison.
+It differs from the paper and from `model.py` as follows. Every level of the motion has its own text encoder and table
+of speakers, whose features and style its GRU reads, so that generation needs words. A perceptron maps the states of the
+GRU to poses. Identities come from a table; the style coordinator is a perceptron with a table of its own. The networks
+read the spectrogram in dB. docs/released_weights.md has the whole comparison.
 """
 
 import reprlib
@@ -30,7 +30,7 @@ from ha2g_jax.skeleton import Skeleton
 _HEAD_BONES = 5  # the last ones of every level of TED-Expressive
 _COORDINATOR_DIM = 32
 _DISCRIMINATOR_SLOPE = 0.01
-# Settings that only the networks of the paper follow, and the one value that they have here.
+# Settings that only the networks of the paper can vary, and their fixed values here.
 _FIXED = {
     "model.audio.kind": "resnet_se",
     "model.audio.levels": ("low", "mid", "high"),
@@ -73,7 +73,7 @@ class ReleaseStage(nn.Module):
 
 
 class ReleaseCoordinator(nn.Module):
-    """How much each audio level counts in each level of the motion, from a table of speakers of its own."""
+    """Weights of the audio levels in each level of the motion, computed from its own table of speakers."""
 
     num_speakers: int
     feature_dim: int
@@ -88,7 +88,7 @@ class ReleaseCoordinator(nn.Module):
         self.linear_3 = Linear(3 * self.num_levels)
 
     def encode(self, speaker: jax.Array) -> jax.Array:
-        """Map speaker indices (B,) to the values that the blend follows from (B, 16)."""
+        """Map speaker indices (B,) to the values (B, 16) that `blend` reads."""
         return self.linear_1(self.embedding(speaker).astype(self.embedding.embedding.dtype))
 
     def blend(self, values: jax.Array) -> jax.Array:
@@ -99,16 +99,16 @@ class ReleaseCoordinator(nn.Module):
 
 
 class ReleaseHA2G(nn.Module):
-    """Speech audio, its words, a speaker and M seed poses to N poses on each level of the motion hierarchy.
+    """Generator from speech audio, its words, a speaker and M seed poses to N poses on each level of the hierarchy.
 
-    It has the methods and fields of `model.HA2G`. A style f_id has 16 (1 + H) values: those that the coordinator's
-    blend follows from, which are not drawn, then the style of each level.
+    It has the methods and fields of `model.HA2G`. A style f_id has 16 (1 + H) values: first the 16 that the style
+    coordinator reads, which are not sampled, then the style of each level.
 
     Attributes:
         text: encoder of the words for the contrastive loss only; each level has one like it.
-        identity: table of speakers, one like which each level has.
-        has_shifted_head: whether the bones of the head enter the levels after the first one channel late, as in the
-            networks of TED-Expressive that were released.
+        identity: table of speakers; each level has one like it.
+        has_shifted_head: whether the bones of the head enter the levels after the first shifted by one channel, as in
+            the released networks of TED-Expressive.
     """
 
     audio: AudioEncoder
@@ -140,24 +140,24 @@ class ReleaseHA2G(nn.Module):
     def __call__(
         self, inputs: dict[str, jax.Array], identity: jax.Array, seed_pose: jax.Array, *, train: bool
     ) -> tuple[jax.Array, ...]:
-        """Runs every part once, with the mean for f_id; returns the poses of each level, as `infer`."""
+        """Run every part once, with the mean for f_id; returns the poses of each level, as `infer`."""
         features = self.encode_speech(inputs, train=train)
         self.encode_text(inputs["words"], train=train)
         mean, _ = self.encode_identity(identity, train=train)
         return self.infer(features, mean, seed_pose, train=train)
 
     def encode_speech(self, inputs: dict[str, jax.Array], *, train: bool) -> SpeechFeatures:
-        """Maps "mel" (B, 128, 70) in dB and "words" (B, N) to features of the audio and of the text of each level."""
+        """Map "mel" (B, 128, 70) in dB and "words" (B, N) to features of the audio and of the text of each level."""
         audio = self.audio(inputs["mel"], train=train)
         texts = tuple(stage.text(inputs["words"], train=train) for stage in self.stages)
         return SpeechFeatures(audio.low, audio.mid, audio.high, texts)
 
     def encode_text(self, words: jax.Array, *, train: bool) -> jax.Array:
-        """Maps word indices on frames (B, N) to f_t (B, N, 32), which serves the contrastive loss only."""
+        """Map word indices on frames (B, N) to f_t (B, N, 32), which serves the contrastive loss only."""
         return self.text(words, train=train)
 
     def encode_identity(self, identity: jax.Array, *, train: bool) -> tuple[jax.Array, jax.Array]:
-        """Maps speaker indices (B,) to mean and log-variance of f_id, each (B, 16 (1 + H)).
+        """Map speaker indices (B,) to mean and log-variance of f_id, each (B, 16 (1 + H)).
 
         The values of the blend have no noise: their log-variance is minus infinity.
         """
@@ -168,13 +168,13 @@ class ReleaseHA2G(nn.Module):
         return jnp.concatenate([blend, *means], axis=-1), jnp.concatenate([exact, *log_variances], axis=-1)
 
     def coordinate(self, f_id: jax.Array) -> jax.Array:
-        """Maps f_id (B, 16 (1 + H)) to the style coordinator C (B, 3, H)."""
+        """Map f_id (B, 16 (1 + H)) to the style coordinator C (B, 3, H)."""
         return self.coordinator.blend(f_id[:, : self.identity.feature_dim])
 
     def infer(
         self, features: SpeechFeatures, f_id: jax.Array, seed_pose: jax.Array, *, train: bool
     ) -> tuple[jax.Array, ...]:
-        """Pose inferer, coarse to fine, as `model.HA2G.infer`; the identity f_id is (B, 16 (1 + H))."""
+        """Infer poses, coarse to fine, as `model.HA2G.infer` does; the identity f_id is (B, 16 (1 + H))."""
         low, mid, high, texts = features
         blended = jnp.einsum("blh,blnf->hbnf", self.coordinate(f_id), jnp.stack([low, mid, high], axis=1))  # Eq. 3
         styles = jnp.split(f_id[:, self.identity.feature_dim :], len(self.level_channels), axis=-1)
@@ -187,17 +187,17 @@ class ReleaseHA2G(nn.Module):
         return tuple(poses)
 
     def _known(self, level: int, poses: list[jax.Array], seed_pose: jax.Array, num_frames: int) -> jax.Array:
-        """Return what a level sees of poses, and the bit that marks the seed, (B, N, d^h + 1).
+        """Return the poses that a level reads and the bit that marks the seed, (B, N, d^h + 1).
 
-        In the frames of the seed these are its poses and 1, at every level; after them the poses of the level below, 0
-        in channels that the level adds, and 0.
+        In the frames of the seed these are, at every level, the seed poses and 1; after them the poses of the level
+        below, zeros in the channels that the level adds, and 0.
         """
         channels = self.level_channels[level]
         given = jnp.concatenate([seed_pose[..., jnp.array(channels)], jnp.ones_like(seed_pose[..., :1])], axis=-1)
         free = jnp.zeros((len(seed_pose), num_frames - self.num_seed_frames, len(channels) + 1), seed_pose.dtype)
         if poses:
             places = [channels.index(channel) for channel in self.level_channels[level - 1]]
-            if self.has_shifted_head:  # the last of them takes the place of the bit
+            if self.has_shifted_head:  # the last channel overwrites the bit
                 head = 3 * _HEAD_BONES
                 places = places[:-head] + [place + 1 for place in places[-head:]]
             free = free.at[..., jnp.array(places)].set(poses[-1][:, self.num_seed_frames :], unique_indices=True)
@@ -208,7 +208,7 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
     """Build the networks of `config.model` with architecture "release"; see `Method.build`.
 
     Raises:
-        UserError: a setting that these networks cannot follow.
+        UserError: a setting that these networks cannot vary has another value.
     """
     for name, expected in _FIXED.items():
         if (value := value_of(config, name)) != expected:
@@ -242,11 +242,11 @@ def run(
     train: bool = True,
     compute: Compute = FLOAT32,
 ) -> Run[paper.Outputs, paper.Constants]:
-    """Run the generator as HA2G's `run`; the terms see the style of the last level in place of all of f_id."""
+    """Run the generator as HA2G's `run` does; the terms see the style of the last level instead of the whole f_id."""
     size = spec.generator.identity.feature_dim
 
     def exchange(f_id: jax.Array, shift: jax.Array) -> jax.Array:
-        """Give each clip the styles of another one; the values that the blend follows from stay."""
+        """Give each clip the styles of another one, but keep the values that the coordinator reads."""
         return jnp.concatenate([f_id[:, :size], jnp.roll(f_id[:, size:], shift, axis=0)], axis=-1)
 
     outputs, constants, batch_stats = paper.run(
