@@ -14,7 +14,7 @@ from ha2g_jax.layers.linear import Linear
 
 
 def _weights(module: nn.Module, inputs: int, hidden_dim: int, suffix: str) -> tuple[jax.Array, ...]:
-    """Return the parameters of one GRU in a module, named as in `torch.nn.GRU`; they start uniform in +-1/sqrt(h)."""
+    """Return the parameters of one GRU, named as in `torch.nn.GRU`; their initial values are uniform in +-1/sqrt(h)."""
     uniform, width = initializers.uniform(hidden_dim**-0.5), 3 * hidden_dim
     return (
         module.param("weight_ih" + suffix, uniform, (width, inputs)),
@@ -85,7 +85,7 @@ class BiGRU(nn.Module):
         masks = None if is_real is None else (is_real, is_real[::-1])
         _, batch, _ = x.shape
         if batch == 1:
-            # Each direction has a scan of its own: its weights fit the cache of a core, those of both do not.
+            # Each direction has its own scan: the weights of one fit the cache of a core, those of both do not.
             forward = sequence_scan(gates, weights[1], bias, masks and masks[0])
             backward = sequence_scan(back_gates, back_weights[1], back_bias, masks and masks[1])
         else:
@@ -120,7 +120,7 @@ class GRUCells(nn.Module):
 
     @nn.compact
     def __call__(self, states: tuple[jax.Array, ...], x: jax.Array, *, train: bool) -> tuple[jax.Array, ...]:
-        """Return the states h_t of one step from h_(t-1), for each layer (B, hidden_dim) float32, and x_t (B, inputs).
+        """Compute the states h_t, for each layer (B, hidden_dim) float32, from h_(t-1) and x_t (B, inputs).
 
         Training uses the random stream "dropout".
         """
@@ -140,8 +140,8 @@ class FrameDecoder(nn.Module):
     Joint Embedding, Trimodal and the release of HA2G share it (Yoon et al. 2020).
 
     Attributes:
-        slope: slope of the activation for negative values. The release of Trimodal passes True in its place, which
-            makes it 1 and the activation the identity.
+        slope: slope of the activation for negative values. The release of Trimodal passes True as the slope, which
+            counts as 1 and makes the activation the identity.
     """
 
     pose_dim: int

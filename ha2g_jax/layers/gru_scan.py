@@ -26,11 +26,11 @@ def gru_scan(
     The directions of a bidirectional GRU share the scan, so that it takes N steps and not 2 N. Products are computed in
     the type of the gates, but the state and the gradients of the kernels, which are summed over the steps, are float32.
 
-    The gradient keeps the states alone and computes the gates of all steps from them at once. What is left to its scan
+    The gradient keeps only the states and computes the gates of all steps from them at once. What is left to its scan
     is the chain from state to state; the gradient of a kernel is one product over all steps. There are gradients of any
     order in reverse mode, but none in forward mode (`jax.jvp`), and within `jax.shard_map` only with `check_vma=False`.
 
-    Both scans are those of oneDNN where `library.is_used_for` says so, unless there is padding.
+    oneDNN computes both scans where `library.is_used_for` says so, unless there is padding.
 
     Args:
         gates: for each GRU and gate (N, B, h), W x_t + b of every frame, with c_r and c_z already added.

@@ -17,7 +17,7 @@ class ImageIdentity(nn.Module):
     Decision D6: one ResNet-18 encodes all M images; the feature maps are averaged, flattened and mapped linearly.
 
     Attributes:
-        blocks, width, is_recomputed: of the `ResNet`.
+        blocks, width, is_recomputed: attributes of the `ResNet`.
         feature_dim: number of values of f_id.
     """
 

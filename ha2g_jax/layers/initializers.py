@@ -1,7 +1,7 @@
 """Initial values with the distributions of PyTorch's layers, drawn by NumPy on the host.
 
-On a CPU a program that draws each parameter with `jax.random` takes as long to compile as a step of training. These
-initializers take a key and a shape as those of Flax do, but add no more than a call of the host to the program.
+On a CPU, a program that draws each parameter with `jax.random` takes as long to compile as a training step. These
+initializers take a key and a shape as those of Flax do, but add only a host callback to the program.
 """
 
 import functools
@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-# A function (key, shape, dtype=float32) to an array, as modules of Flax take it.
+# A function (key, shape, dtype=float32) that returns an array, as Flax modules expect.
 Initializer: TypeAlias = Callable[..., jax.Array]
 
 

@@ -1,4 +1,4 @@
-"""Features that lie on a grid of time, taken at the frames of a window."""
+"""Resampling of features on a regular time grid to the frames of a window."""
 
 import jax
 import jax.numpy as jnp
@@ -8,13 +8,13 @@ import numpy as np
 def frame_centres(num_frames: int, fps: float, margin: float = 0.0) -> np.ndarray:
     """Return the times (num_frames,) of the middles of frames, (n + 0.5) / fps seconds from the start of a window.
 
-    With a margin, which may be a fraction, they start so many frames earlier.
+    With a margin, they start that many frames earlier; it may be fractional.
     """
     return (np.arange(num_frames) - margin + 0.5) / fps
 
 
 def interpolate(x: jax.Array, places: np.ndarray, axis: int) -> jax.Array:
-    """Return values at places (n,) on an axis, linear between two neighbours; beyond the ends there are the end values.
+    """Interpolate values linearly at places (n,) on an axis; beyond the ends, return the end values.
 
     Places are in steps from the first value of the axis.
     """

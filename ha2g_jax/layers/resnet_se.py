@@ -32,7 +32,7 @@ class Features(NamedTuple):
 
 
 def pixel_shuffle(x: jax.Array, factor: int) -> jax.Array:
-    """Move channels (B, H, W, C factor^2) into space (B, factor H, factor W, C), as Shi et al. 2016 and PyTorch.
+    """Move channels (B, H, W, C factor^2) into space (B, factor H, factor W, C), as in Shi et al. 2016 and PyTorch.
 
     Row factor i + a, column factor j + b of output channel c comes from input channel c factor^2 + a factor + b.
     """
@@ -94,7 +94,7 @@ class BasicBlock(nn.Module):
 
 
 class Stage(nn.Module):
-    """A row of basic blocks, the first of which may stride."""
+    """A sequence of basic blocks, the first of which may have a stride."""
 
     blocks: int
     channels: int
@@ -125,13 +125,13 @@ class Stem(nn.Module):
 
 
 class Head(nn.Module):
-    """Feature map to one feature per frame (Table 7): PixelShuffle, conv, ReLU, BN, reshape, FC.
+    """Head from a feature map to one feature per frame (Table 7): PixelShuffle, conv, ReLU, BN, reshape, FC.
 
     Attributes:
         shuffle: factor of the pixel shuffle, 1 for none.
         kernel: height and width of the unpadded convolution.
-        grid: (N, fps) where the columns are first interpolated so that the convolution is centred on the middle of
-            each frame; None where there are N + kernel - 1 columns as they are, as in the paper.
+        grid: (N, fps) if the columns are first interpolated so that the convolution is centred on the middle of each
+            frame; None if there already are N + kernel - 1 columns, as in the paper.
     """
 
     shuffle: int
@@ -156,14 +156,14 @@ class AudioEncoder(nn.Module):
     """Encoder of a log-mel window to low, middle and high features of each frame.
 
     At the paper's size a 1 x 128 x 70 window gives 64 x 64 x 35 (stage 2, low), 128 x 32 x 18 (stage 3, middle)
-    and 256 x 16 x 9 (stage 4, high), each turned into 32 x 34. A window whose columns do not give N frames so, because
-    of its length or frame rate, has the columns of each head interpolated, see `Head`.
+    and 256 x 16 x 9 (stage 4, high), each turned into 32 x 34. If the columns of a window do not give N frames this
+    way, because of its length or frame rate, the columns of each head are interpolated, see `Head`.
 
     Attributes:
-        blocks, channels: of each stage.
+        blocks, channels: number of blocks and of channels of each stage.
         stem_stride: stride of the stem along mel and time; the stride in time must be 1.
         is_recomputed: see `conv.run_block`.
-        reads_decibels: whether the network sees the dB themselves and not dB / 80 + 1 (D3), as the release.
+        reads_decibels: whether the network reads dB, as in the release, instead of dB / 80 + 1 (D3).
     """
 
     blocks: tuple[int, int, int, int] = (3, 4, 6, 3)

@@ -66,11 +66,11 @@ class ResidualBlock(nn.Module):
 
 
 class TextEncoder(nn.Module):
-    """Encoder of the words of each frame to one feature per frame.
+    """Encoder from the word of each frame to one feature per frame.
 
     The receptive field of a frame (decision D4) is
 
-      "centred": 16 words, from 8 before the frame to 7 after it. One convolution per block; the taps of dilation d are
+      "centred": 16 words, from 8 frames before to 7 after. One convolution per block; the taps of dilation d are
         ceil(d / 2) frames before and floor(d / 2) frames after the frame, so that each block is centred and its
         residual path stays aligned.
       "causal": 31 words, those of the frame and the past. Two convolutions per block, padded on the left.
@@ -94,7 +94,7 @@ class TextEncoder(nn.Module):
         """Map word indices (B, N) to features (B, N, feature_dim)."""
         centred = self.receptive_field == "centred"
         spread = initializers.normal(self.embedding_dim**-0.5)
-        # The gradients of the rows are summed over all frames in float32: that of the padding has thousands of terms.
+        # The gradients of the rows are summed in float32, because that of the padding has thousands of terms.
         table = nn.Embed(
             self.vocabulary_size, self.embedding_dim, dtype=jnp.float32, embedding_init=spread, name="embedding"
         )

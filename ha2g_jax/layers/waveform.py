@@ -11,17 +11,17 @@ from ha2g_jax.layers.resampling import frame_centres, interpolate
 _KERNEL = 15
 _CHANNELS = (16, 32, 64)
 _STRIDES = (5, 6, 6, 6)
-_PADDING = 1600  # samples of silence on each side of the window, so that its frames become steps one to one
+_PADDING = 1600  # samples of silence on each side of the window, so that each frame becomes one step
 _SLOPE = 0.3
 # Of the steps after all convolutions: samples from one to the next, and the sample in the middle of step 0.
 _STEP, _FIRST = 1080, -88
 
 
 class WaveformEncoder(nn.Module):
-    """Encoder of the samples of a window to one feature a frame, by four strided convolutions.
+    """Encoder from the samples of a window to one feature per frame, by four strided convolutions.
 
     At the paper's size 36,267 samples become 7,891, 1,313, 217 and 34 steps of 16, 32, 64 and `feature_dim` channels,
-    each step a frame. Where a window has another number of steps than frames, frames lie between steps.
+    one step for each frame. If a window does not have as many steps as frames, the steps are interpolated.
     """
 
     feature_dim: int = 32

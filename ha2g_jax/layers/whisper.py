@@ -1,4 +1,4 @@
-"""Audio encoder of HA2G-ASR (Table 3): features of a trained Whisper encoder in place of E_a (D5).
+"""Audio encoder of HA2G-ASR (Table 3): features of a trained Whisper encoder instead of E_a (D5).
 
 The encoder is that of Radford et al. 2022, section 2.2, with weights in the layout of Linen. Channels last.
 """
@@ -17,7 +17,7 @@ from ha2g_jax.layers.resnet_se import Features
 _EPSILON = 1e-5
 _LONGEST_PERIOD = 10_000
 _POSITIONS_PER_SECOND = ASR_COLUMNS_PER_SECOND / 2
-_POINTS = 4  # in a frame, closer together than positions at any rate from 15 to 30 fps
+_POINTS = 4  # points per frame; they are closer together than positions at any rate from 15 to 30 fps
 
 
 def sinusoids(length: int, channels: int) -> np.ndarray:
@@ -64,7 +64,7 @@ class EncoderBlock(nn.Module):
 
 
 class WhisperEncoder(nn.Module):
-    """Encoder of log-mel columns to features, one position of 20 ms for two columns.
+    """Encoder from log-mel columns to features, one position of 20 ms for two columns.
 
     Whisper is trained on 30 s; a shorter input uses the first positions. The default sizes are those of `tiny`.
 
@@ -105,7 +105,7 @@ def _conv(channels: int, stride: int, name: str) -> nn.Conv:
 
 
 def _norm(name: str) -> nn.LayerNorm:
-    # Not E[x^2] - E[x]^2: a few channels are so large that this would lose the others.
+    # Not E[x^2] - E[x]^2: a few channels are so large that the others would lose their precision.
     return nn.LayerNorm(epsilon=_EPSILON, use_fast_variance=False, name=name)
 
 
@@ -129,9 +129,9 @@ def resample(x: jax.Array, num_frames: int, fps: float) -> jax.Array:
 class AsrAudioEncoder(nn.Module):
     """Encoder of a window of Whisper's log-mel to low, middle and high features of each frame (D5).
 
-    Whisper's own parameters are frozen: no gradient reaches them. What is trained is one linear map of each level. The
+    Whisper's own parameters are frozen: no gradient reaches them. Only a linear map for each level is trained. The
     features of a block are normalised over their channels, because a few channels of Whisper's residual stream are so
-    much larger than the others that a linear map would see them alone.
+    much larger than the others that they would dominate a linear map.
 
     Attributes:
         whisper: the encoder, whose parameters `checkpoint.whisper` reads.

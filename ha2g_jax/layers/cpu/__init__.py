@@ -1,6 +1,5 @@
-"""Programs that make training on CPUs faster than those of XLA, with the same results.
+"""Implementations of layers that train faster on CPUs than those of XLA, with the same results.
 
-Layers call `convolution.conv`, and `gru_scan` the recurrences of `onednn`; they know nothing else of this folder. What
-runs depends on the shapes and on one choice, `Compute.onednn`, which `methods.networks.apply` makes for each run of a
-network.
+Layers call only `convolution.conv`, and `gru_scan` only the recurrences of `onednn`. Which implementation runs depends
+on the shapes and on `Compute.onednn`, which `methods.networks.apply` applies to each run of a network.
 """

@@ -1,9 +1,9 @@
-"""Two-dimensional convolutions with faster programs than those of XLA on CPUs.
+"""Two-dimensional convolutions that are faster on CPUs than those of XLA.
 
-With oneDNN (`onednn`) where `library.is_used_for` says so. Otherwise wide convolutions of 3 x 3 are Winograd's, with
-their gradients (`winograd`). For other wide kernels the gradient of the kernel is a matrix product: XLA computes it as
-a convolution whose window is a whole image, which is 1.5 to 10 times slower at the size of the
-paper. Small kernels, and accelerators, keep the programs of XLA.
+oneDNN (`onednn`) computes them where `library.is_used_for` says so. Otherwise wide 3 x 3 convolutions and their
+gradients use Winograd's algorithm (`winograd`). For other wide kernels the gradient of the kernel is a matrix product:
+XLA computes it as a convolution whose window is a whole image, which is 1.5 to 10 times slower at the size of the
+paper. For small kernels and on accelerators XLA is used.
 """
 
 import functools
@@ -16,16 +16,16 @@ from ha2g_jax.layers.cpu import onednn, winograd
 from ha2g_jax.layers.cpu.onednn import library
 
 _LAYOUT = ("NHWC", "HWIO", "NHWC")
-_ROWS = 1024  # positions in one product, at least: enough to be fast, few enough for the caches
+_ROWS = 1024  # least number of positions in one product: enough to be fast, few enough for the caches
 
 
 def conv(x: jax.Array, kernel: jax.Array, stride: tuple[int, int], padding: int) -> jax.Array:
     """Convolve images with a kernel.
 
-    It is `jax.lax.conv_general_dilated` with other programs on CPUs, so that it has gradients of any order in reverse
+    This is `jax.lax.conv_general_dilated` with other implementations on CPUs. It has gradients of any order in reverse
     mode, but none in forward mode.
 
-    Images (B, H, W, inputs) and a kernel (height, width, inputs, channels) of the same type give
+    Images (B, H, W, inputs) and a kernel (height, width, inputs, channels) must have the same type. The result is
     (B, (H + 2 padding - height) // stride + 1, ..., channels).
     """
     edges = [edge + 2 * padding - width for edge, width in zip(x.shape[1:3], kernel.shape[:2], strict=True)]
@@ -69,7 +69,7 @@ _conv.defvjp(_forward, _backward)
 
 
 def is_faster_with_winograd(x: jax.Array, kernel: jax.Array, stride: tuple[int, int], padding: int) -> bool:
-    """Decide by the arguments of `conv` whether Winograd's convolution is faster on a CPU than that of XLA.
+    """Return whether Winograd's convolution is faster on a CPU than that of XLA for these arguments of `conv`.
 
     Its matrix products need 32 channels, and enough positions to outweigh the transform of the kernel. Its sums are
     exact enough in float32 but not in narrower types. `benchmarks/conv.py` measures both.
@@ -80,13 +80,13 @@ def is_faster_with_winograd(x: jax.Array, kernel: jax.Array, stride: tuple[int, 
 
 
 def is_faster_with_products(x: tuple[int, ...], kernel: tuple[int, ...], cotangent: tuple[int, ...]) -> bool:
-    """Decide by the shapes of `conv` whether `kernel_gradient` is faster on a CPU than the gradient of XLA.
+    """Return whether `kernel_gradient` is faster on a CPU than the gradient of XLA for these shapes.
 
-    Products need wide matrices, and XLA small images; `benchmarks/conv.py` measures both.
+    Products are fast for wide matrices, XLA for small images; `benchmarks/conv.py` measures both.
     """
     rows, columns, inputs, channels = kernel
     if math.prod(cotangent[:-1]) * inputs * channels < 1 << 22:
-        return False  # either takes a few milliseconds, and XLA's compiles sooner
+        return False  # both take a few milliseconds, and XLA's compiles faster
     is_pointwise = rows == columns == 1
     return is_pointwise or inputs * channels >= 1 << 11 or math.prod(x[1:]) >= 1 << 17
 
@@ -105,8 +105,8 @@ def kernel_gradient(
     The columns that a row of the kernel covers lie side by side on the channels, so that each product is that of
     (width inputs, positions) and (positions, channels). Sums are float32.
 
-    From the input x (B, H, W, inputs) of the convolution and the gradient (B, H', W', channels) of its output comes
-    that of the kernel, (height, width, inputs, channels), whose height and width are `size`.
+    The input of the convolution is (B, H, W, inputs), the gradient of its output (B, H', W', channels) and that of the
+    kernel (height, width, inputs, channels), whose height and width are `size`.
     """
     inputs, (_, height, width, channels) = x.shape[-1], cotangent.shape
     rows, columns = size

@@ -10,7 +10,7 @@ _ACCELERATORS = ("jax_plugins", "libtpu")  # packages with which JAX computes on
 
 
 def has_accelerator_plugin() -> bool:
-    """Return whether JAX has a plugin for an accelerator here; the accelerator itself may be missing."""
+    """Return whether a JAX plugin for an accelerator is installed; the accelerator itself may be missing."""
     return any(map(importlib.util.find_spec, _ACCELERATORS))
 
 
@@ -25,8 +25,8 @@ def keep_memory() -> None:
     therefore runs its programs in the thread that calls them. A single arena for all threads could keep them too, but a
     compilation leaves it in more than 100,000 pieces, and each request of the step's threads then searches them.
 
-    Call this in the main thread before the first computation, and train in that thread. Nothing changes where JAX has a
-    plugin for an accelerator, which has memory of its own, and on systems without glibc.
+    Call this in the main thread before the first computation, and train in that thread. It does nothing where JAX has a
+    plugin for an accelerator, which has its own memory, and on systems without glibc.
     """
     if sys.platform != "linux" or has_accelerator_plugin():
         return

@@ -1,8 +1,8 @@
-"""Convolve images with kernels of 3 x 3 by Winograd's minimal filtering, F(2 x 2, 3 x 3) of Lavin and Gray 2016.
+"""Convolution of images with 3 x 3 kernels by Winograd's minimal filtering, F(2 x 2, 3 x 3) of Lavin and Gray 2016.
 
 A tile of 4 x 4 inputs and the kernel are transformed to 4 x 4 values each. Their products, transformed back, are 2 x 2
-outputs: 16 multiplications in place of 36. Over all tiles and channels they are 16 matrix products. The transforms are
-sums, differences and halves, so that the result is about as exact as that of a direct convolution.
+outputs: 16 multiplications instead of 36. Over all tiles and channels they are 16 matrix products. The transforms
+consist of sums, differences and halves, so that the result is about as exact as that of a direct convolution.
 """
 
 import math
@@ -15,7 +15,7 @@ import jax.numpy as jnp
 _INPUT = ((1, 0, -1, 0), (0, 1, 1, 0), (0, -1, 1, 0), (0, 1, 0, -1))
 _KERNEL = ((1, 0, 0), (0.5, 0.5, 0.5), (0.5, -0.5, 0.5), (0, 0, 1))
 _OUTPUT = ((1, 1, 1, 0), (0, 1, -1, -1))
-# Values of the inputs that are transformed at a time, about: enough to be fast, few enough for the caches.
+# Approximate number of input values transformed at a time: enough to be fast, few enough for the caches.
 _VALUES = 1 << 19
 
 
@@ -106,7 +106,7 @@ def _cotangent_tiles(cotangent: jax.Array) -> list[jax.Array]:
 
 
 def _transform(matrix: Sequence[Sequence[float]], values: Sequence[jax.Array]) -> list[jax.Array]:
-    """Multiply a matrix by a vector of arrays, without the products with zero."""
+    """Multiply a matrix by a vector of arrays, skipping products with zero."""
     return [
         sum(factor * value for factor, value in zip(row, values, strict=True) if factor)  # pyright: ignore
         for row in matrix
@@ -116,9 +116,9 @@ def _transform(matrix: Sequence[Sequence[float]], values: Sequence[jax.Array]) -
 def split(x: jax.Array, images: int) -> jax.Array:
     """Split a batch into chunks, for a loop over the second axis.
 
-    A chunk has the images at the same place of each part of the batch, and at least one image of each device, so that
-    a batch (B, ...) that is split over devices stays split. The result is (images of a chunk, number of chunks, ...),
-    with at least `images` of a chunk: the next power of two or, where that does not divide B, less.
+    A chunk takes images from all parts of the batch, at least one from each device, so that a batch (B, ...) that is
+    split over devices stays split. The result is (images in a chunk, number of chunks, ...). A chunk has `images`
+    images, rounded up to a power of two, or fewer where that does not divide B.
     """
     chunk = math.gcd(len(x), 1 << (max(images, jax.device_count()) - 1).bit_length())
     return x.reshape(chunk, len(x) // chunk, *x.shape[1:])

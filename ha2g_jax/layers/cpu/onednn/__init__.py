@@ -1,4 +1,4 @@
-"""Convolutions and GRUs of oneDNN for training on CPUs, which the extra `ha2g-jax[onednn]` adds.
+"""Convolutions and GRUs of oneDNN for training on CPUs, installed with the extra `ha2g-jax[onednn]`.
 
 The functions have gradients of any order in reverse mode. Arrays are float32; `cpu.convolution` and `gru_scan`
 explain the arguments. `library` compiles the C++ of this folder and registers it with JAX; `methods.networks.apply`
@@ -27,7 +27,7 @@ def conv(x: jax.Array, kernel: jax.Array, stride: tuple[int, int], padding: int)
 def conv_input_gradient(
     kernel: jax.Array, cotangent: jax.Array, size: tuple[int, int], stride: tuple[int, int], padding: int
 ) -> jax.Array:
-    """Return the gradient of the images of `conv`, which have the height and width `size`."""
+    """Return the gradient of `conv` with respect to the images, whose height and width are `size`."""
     shape = (len(cotangent), *size, kernel.shape[2])
     return _convolution("Ha2gConvInputGradient", shape, kernel, cotangent, stride, padding)
 
@@ -36,9 +36,9 @@ def conv_input_gradient(
 def conv_kernel_gradient(
     x: jax.Array, cotangent: jax.Array, size: tuple[int, int], stride: tuple[int, int], padding: int
 ) -> jax.Array:
-    """Return the gradient of the kernel of `conv`, which has the height and width `size`."""
+    """Return the gradient of `conv` with respect to the kernel, whose height and width are `size`."""
     if size == (1, 1) and stride != (1, 1):
-        # oneDNN writes past its memory where such a kernel strides over few channels, so it gets the pixels in use.
+        # oneDNN writes past its memory where such a kernel strides over few channels, so pass only the pixels in use.
         edges = ((0, 0), (padding, padding), (padding, padding), (0, 0))
         rows, columns = cotangent.shape[1:3]
         x = jnp.pad(x, edges)[:, :: stride[0], :: stride[1]][:, :rows, :columns]
@@ -55,7 +55,7 @@ def _convolution(
     return call(first, second, row_stride=np.int64(rows), column_stride=np.int64(columns), padding=np.int64(padding))
 
 
-# Each function is linear in either argument, so that its gradients are again the three functions.
+# Each function is linear in either argument, so that its gradients are again among the three functions.
 conv.defvjp(
     lambda x, kernel, stride, padding: (conv(x, kernel, stride, padding), (x, kernel)),
     lambda stride, padding, arguments, cotangent: (
@@ -82,7 +82,7 @@ conv_kernel_gradient.defvjp(
 def gru_states(gates: Sequence[jax.Array], kernels: Sequence[jax.Array], bias: jax.Array) -> jax.Array:
     """Return the states (N, B, h) of one GRU from a zero state.
 
-    Gates (N, B, h) and hidden kernels (h, h) are of reset, update and new, the hidden bias (h,) is of new.
+    Gates (N, B, h) and hidden kernels (h, h) are those of reset, update and new; the hidden bias (h,) is that of new.
     """
     like = jax.ShapeDtypeStruct(gates[0].shape, jnp.float32)
     return jax.ffi.ffi_call("Ha2gGruStates", like, vmap_method="sequential")(*gates, *kernels, bias)
@@ -93,8 +93,8 @@ def gru_sums(
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Return the gradients of the sums inside the gates of one GRU: reset, update, new, each (N, B, h).
 
-    They follow from the gradients of the states and the slopes new, update, reset, inner and kept, each (N, B, h), and
-    from the hidden kernels (h, h).
+    `cotangents` are the gradients of the states; the slopes are new, update, reset, inner and kept, each (N, B, h), and
+    the hidden kernels (h, h).
     """
     like = jax.ShapeDtypeStruct(cotangents.shape, jnp.float32)
     call = jax.ffi.ffi_call("Ha2gGruSums", [like] * 3, vmap_method="sequential")
@@ -120,7 +120,7 @@ def count_operations(target: str, shapes: Sequence[tuple[int, ...]]) -> int:
 
 
 def differentiated_as(program: Callable[..., Any], call: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a function that computes `call` and has the gradients of `program`, which computes the same."""
+    """Return a function that computes `call` but has the gradients of `program`, which computes the same values."""
 
     @jax.custom_vjp
     def function(*arguments: Any) -> Any:

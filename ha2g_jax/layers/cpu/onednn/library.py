@@ -1,4 +1,4 @@
-"""The library of calls of oneDNN: compiled once on the machine at hand, and registered with JAX."""
+"""The library of calls to oneDNN: compiled once on each machine, and registered with JAX."""
 
 import contextlib
 import contextvars
@@ -29,10 +29,10 @@ from ha2g_jax.layers.cpu.memory import has_accelerator_plugin
 _TARGETS = ("Ha2gConv", "Ha2gConvInputGradient", "Ha2gConvKernelGradient", "Ha2gGruStates", "Ha2gGruSums")
 _FOLDER = pathlib.Path(__file__).parent
 _SOURCES = ("conv.cc", "gru.cc", "parallel.h")
-# GCC vectorises a comparison of numbers only if it need not raise the exceptions of the processor, which nobody reads.
+# GCC vectorises a comparison of floats only if it need not raise floating-point exceptions, which nothing here reads.
 _FLAGS = ("-std=c++17", "-O3", "-march=native", "-fno-trapping-math", "-fopenmp", "-fPIC", "-shared", "-w")
 _CONFIG, _LIBRARY = "oneapi/dnnl/dnnl_config.h", "libdnnl.so.3"
-# Packages of pip -> one file of each, with which the others are found.
+# Packages of pip -> one file of each, by which the others are found.
 _PACKAGES = {"onednn-devel-cpu-gomp": _CONFIG, "onednn-cpu-gomp": _LIBRARY}
 _OPENMP = re.compile(r"#define DNNL_CPU_THREADING_RUNTIME DNNL_RUNTIME_OMP$", re.MULTILINE)
 _VERSION = re.compile(r"DNNL_VERSION_(?:MAJOR|MINOR|PATCH) (\d+)")
@@ -43,11 +43,11 @@ _is_chosen = contextvars.ContextVar("onednn", default=False)
 
 @functools.cache
 def is_available() -> bool:
-    """Return whether this process can compute with oneDNN: it is installed, for a single CPU device, and not refused.
+    """Return whether this process can use oneDNN: installed, not disabled, and a single CPU device.
 
-    The environment variable HA2G_ONEDNN refuses it by 0. The first call on a machine compiles the C++ of this folder,
-    which takes about ten seconds, and keeps the result in the cache folder. If the library cannot be made or loaded, a
-    line on the standard error says so.
+    HA2G_ONEDNN=0 in the environment disables it. The first call on a machine compiles the C++ of this folder, which
+    takes about ten seconds, and keeps the result in the cache folder. If the library cannot be compiled or loaded, a
+    line on stderr says so.
     """
     if os.environ.get("HA2G_ONEDNN") == "0" or has_accelerator_plugin() or not is_installed():
         return False
@@ -63,9 +63,9 @@ def is_available() -> bool:
 
 @contextlib.contextmanager
 def choosing(is_chosen: bool) -> Iterator[None]:
-    """Let functions that are traced in this context have the programs of oneDNN, or else those of XLA.
+    """Let functions traced in this context use oneDNN, or else XLA.
 
-    Enter it inside of the function that `jax.jit` traces: its cache does not know the choice.
+    Enter it inside the function that `jax.jit` traces, because the choice is not part of the key of its cache.
     """
     token = _is_chosen.set(is_chosen)
     try:
@@ -75,12 +75,12 @@ def choosing(is_chosen: bool) -> Iterator[None]:
 
 
 def is_used_for(*arrays: jax.Array) -> bool:
-    """Return whether oneDNN is chosen here and can compute with such arrays, those of float32."""
+    """Return whether oneDNN is chosen in this context and all arrays are float32, the only type that it is used for."""
     return _is_chosen.get() and all(array.dtype == jnp.float32 for array in arrays)
 
 
 def used_version() -> str | None:
-    """Return the version of oneDNN that this process trains with, such as "3.2.0"; None if it does not."""
+    """Return the version of oneDNN that this process trains with, such as "3.2.0"; None if it does not use oneDNN."""
     return ".".join(_VERSION.findall(_version_header())) if is_available() else None
 
 
@@ -163,7 +163,7 @@ def _fingerprint() -> str:
     """Return a hash of what a compiled library depends on: sources, flags, versions, compiler and processor."""
     parts = [(_FOLDER / name).read_text() for name in _SOURCES]
     parts += [_version_header(), jaxlib.version.__version__, *map(str, _places()), *_compiler(), *_FLAGS]
-    # Homes are shared between machines, and -march=native takes the instructions of one.
+    # Home directories are shared between machines, while -march=native compiles for one processor.
     lines = _CPU.read_text().splitlines() if _CPU.exists() else []
     parts += [platform.machine(), *sorted({line for line in lines if line.startswith(("flags", "Features"))})]
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
