@@ -1,4 +1,4 @@
-"""Examine everything that a run needs before it is started: the machine, the config, the data, and one step."""
+"""Check everything that a run needs before it starts: the machine, the config, the data, and one step."""
 
 import collections
 import contextlib
@@ -37,7 +37,7 @@ _CONTAINER = pathlib.Path("/sys/fs/cgroup")
 
 
 class Finding(NamedTuple):
-    """Result of one check: what was found, in words and as values, and what is wrong and what to do, "" if nothing."""
+    """Result of one check: what was found, in words and as values; what is wrong and how to mend it, "" if nothing."""
 
     name: str
     found: str
@@ -46,7 +46,7 @@ class Finding(NamedTuple):
 
 
 def examine(config: Config | None = None) -> list[Finding]:
-    """Examine the machine, check that it has what a config needs, and time a step, which takes a minute or more.
+    """Check the machine, check that it has what a config needs, and time a step, which takes a minute or more.
 
     Without a config the step is that of the smallest model, and no data are checked.
     """
@@ -77,13 +77,13 @@ def as_text(findings: list[Finding]) -> str:
 
 
 def as_json(findings: list[Finding]) -> dict[str, Any]:
-    """Return the findings as plain values, with "ok" true if none of them is a trouble."""
+    """Return the findings as plain values, with "ok" true if no check found a problem."""
     rows = [finding._asdict() | {"ok": not finding.trouble} for finding in findings]
     return {"ok": is_well(findings), "findings": rows}
 
 
 def is_well(findings: list[Finding]) -> bool:
-    """Return whether no finding is a trouble."""
+    """Return whether no check found a problem."""
     return not any(finding.trouble for finding in findings)
 
 
@@ -105,7 +105,7 @@ def host_memory() -> tuple[int | None, int | None]:
     if total and available and all(map(pathlib.Path.exists, files)):
         size, used, parts = (file.read_text().strip() for file in files)
         if size != "max":
-            # What was read from files is in memory too, and is dropped when the memory is needed.
+            # The page cache counts as used, but is dropped when the memory is needed.
             cached = next(int(line.split()[1]) for line in parts.splitlines() if line.startswith("inactive_file "))
             total, available = min(total, int(size)), min(available, int(size) - int(used) + cached)
     return total, available

@@ -1,4 +1,4 @@
-"""Check that a config fits its machine, its workdir and its corpus before a run starts, not after hours."""
+"""Check that a config fits its machine, its workdir and its corpus before a run starts rather than after hours."""
 
 import contextlib
 import pathlib
@@ -20,8 +20,8 @@ from ha2g_jax.methods.method import Spec
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.train.sharding import check_batch_size
 
-# Settings that may differ from those a workdir was made with, because they do not change the updates. A corpus may have
-# moved; `check_corpus` checks that it is the same one.
+# Settings that may differ from those that a workdir was made with, because they do not change the updates. A corpus may
+# have moved; `check_corpus` checks that it is the same one.
 _FREE_SETTINGS = {
     "data.path",
     "data.workers",
@@ -42,7 +42,7 @@ _NAMES_SHOWN = 6
 
 
 def check_machine(config: Config) -> None:
-    """Check that a config can be trained at all, and on the devices at hand.
+    """Check that a config can be trained at all, and on the available devices.
 
     Raises:
         UserError: a setting is not possible, there are not enough devices, or a batch does not split over them.

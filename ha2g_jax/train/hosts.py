@@ -30,7 +30,7 @@ _SLURM = (
 )
 
 _JOIN_SECONDS = 300  # machines may start minutes apart
-_PART_SECONDS = 30  # a process that failed waits this long for the others to fail as well, before it ends them
+_PART_SECONDS = 30  # a failed process waits this long for the others to fail as well before it ends them
 
 
 def start(coordinator: str | None, num_processes: int | None, process_id: int | None) -> None:
@@ -42,7 +42,7 @@ def start(coordinator: str | None, num_processes: int | None, process_id: int | 
 
     Args:
         coordinator: HOST:PORT at which all processes reach process 0; any port that is free there.
-        num_processes: number of processes on all hosts; 1 keeps the tasks of an srun apart.
+        num_processes: number of processes on all hosts; with 1 the tasks of an srun are not joined.
         process_id: number of this process, from 0.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Inputs of a run as its config states them: corpus, windows, batches, initial weights, start poses and styles."""
+"""Inputs of a run, from its config: corpus, windows, batches, initial weights, start poses and styles."""
 
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -28,7 +28,7 @@ _NUM_STARTS, _CLIPS_PER_SPEAKER = 16, 8
 
 
 def open_corpus(config: Config) -> Corpus:
-    """Open the corpus of a config; `data.talk.build.talk_path` builds the Talk corpus ("talk") before.
+    """Open the corpus of a config; the Talk corpus ("talk") must have been built by `data.talk.build.talk_path`.
 
     Raises:
         UserError: there is no corpus, it is damaged, or its skeleton or frame rate differs from that of the config.
@@ -111,7 +111,7 @@ def training_batches(
 
 
 def pretrained(config: Config, spec: Spec, vocabulary: Vocabulary) -> dict[str, Any]:
-    """Read the weights that the config names, of a model or of parts of one, which take the place of random ones.
+    """Read the weights that the config names, which replace random ones: those of a model or of parts of one.
 
     They are a part of the tree {"params", "batch_stats"} of the generator.
 
@@ -159,9 +159,10 @@ def _whisper(audio: Config) -> dict[str, Any]:
 def initial_variables(source: str, spec: Spec, vocabulary: Vocabulary) -> dict[str, Any]:
     """Read the weights of a model as the initial ones of a generator for other words and speakers.
 
-    A word that the model knows keeps its vector; every other word starts with that of unknown words. A table of
-    speakers is left out, and starts anew. So does all of E_ID where the model has styles from images and the generator
-    from a table, or the other way round. The result is a part of the tree {"params", "batch_stats"} of the generator.
+    A word that the model knows keeps its vector; every other word starts with that of unknown words. The table of
+    speakers is left out, so that it starts at random, and so is all of E_ID if either the model or the generator
+    encodes images and the other has a table. The result is a part of the tree {"params", "batch_stats"} of the
+    generator.
 
     Raises:
         UserError: there is no such model, or it has another method, skeleton or size than the generator.
@@ -197,12 +198,12 @@ def _is_new(name: str, has_same_kind: bool) -> bool:
 
 
 def calm_starts(windows: Windows, mean_directions: np.ndarray, num_frames: int) -> np.ndarray:
-    """Return calm seed poses (K, M, bones, 3): of the starts of windows near the mean pose, those that move least.
+    """Return calm seed poses (K, M, bones, 3): those that move least among the starts of windows near the mean pose.
 
     There are at most 16, and at most one from each clip; the mean directions are (bones, 3).
     """
     distance, motion = np.zeros((2, len(windows)), np.float32)
-    for index in range(len(windows)):  # one after the other, as together they are as large as the motion of the corpus
+    for index in range(len(windows)):  # one at a time, because together they are as large as the motion of the corpus
         start = windows.directions(index)[:num_frames]
         distance[index] = np.linalg.norm(start - mean_directions, axis=-1).mean()
         motion[index] = np.linalg.norm(np.diff(start, axis=0), axis=-1).sum(axis=0).mean()

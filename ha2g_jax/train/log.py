@@ -31,12 +31,12 @@ EVENTS = "tensorboard"
 _WANDB_PATIENCE = 15.0  # seconds
 _STOP = "stop"
 _TOTAL = "loss/total"
-_RATIO = "gradient_ratio/"  # begins names of metrics
+_RATIO = "gradient_ratio/"  # prefix of the names of metrics
 _NOTICEABLE = 5.0  # percent of time spent waiting from which the progress bar shows it
 
 
 class NotFinite(Exception):
-    """Some loss terms of a step, or if those are finite some of its other metrics, are not finite."""
+    """Loss terms of a step are not finite, or other metrics are not while all loss terms are."""
 
     def __init__(self, step: int, names: list[str]):
         super().__init__(f"{', '.join(names)} not finite at step {step}")
@@ -44,7 +44,7 @@ class NotFinite(Exception):
 
 
 class Writer:
-    """Write the metrics of a run to all of its destinations; other hosts than the first one write nothing.
+    """Write the metrics of a run to all of its destinations; only the first host writes.
 
     Lines that a stopped run wrote for later steps are removed or hidden, because the run will write them again.
     TensorBoard's files are written where tensorboardX is installed.
@@ -92,7 +92,7 @@ class Writer:
 class EventFile:
     """Add a TensorBoard event file to a folder; the names of metrics become tags.
 
-    TensorBoard hides what older files have for steps after that at which the run starts. The `SummaryWriter` of
+    TensorBoard hides the values of older files for steps after the one at which the run starts. The `SummaryWriter` of
     tensorboardX writes in a thread that a full disk ends without a message; its queue then fills up and training waits
     for ever. The `EventsWriter` used here writes in the calling thread.
     """
@@ -107,7 +107,7 @@ class EventFile:
         self._summaries: Any = summary_pb2
         with writing(folder, CONTINUE):
             folder.mkdir(exist_ok=True)
-            # A unique name in the order of time: by the library's default two starts in one second share a file.
+            # A unique name in the order of time; with the library's default, two starts in one second share a file.
             self._file = EventsWriter(str(folder / "events"), f".{time.time_ns()}")
             self._add(step + 1, session_log=self._events.SessionLog(status=self._events.SessionLog.START))
 
@@ -197,7 +197,7 @@ class StepLog:
         self._waiting: tuple[int, Metrics] | None = None
         self._num_steps: int = pending["steps"] if pending else 0
         self._sums: dict[str, float] = dict(pending["sums"]) if pending else {}
-        self.is_stopping = False  # whether a step had the metric "stop": the hosts agreed that one was asked to
+        self.is_stopping = False  # whether a step had the metric "stop": the hosts agreed that one was asked to stop
         self._start = time.perf_counter()
         self._compile_seconds: float | None = None
         self._is_compile_reported = False
@@ -276,7 +276,7 @@ class StepLog:
     def _write(self, step: int) -> None:
         if not self._num_steps:
             return
-        # A ratio is that of the step of the line, and 0 in all others; the line before a failure has none.
+        # A ratio is computed only in the step of the line and is 0 in the others; the line before a failure has none.
         line = {
             name: value / (1 if name.startswith(_RATIO) else self._num_steps)
             for name, value in self._sums.items()

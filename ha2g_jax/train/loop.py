@@ -39,8 +39,8 @@ from ha2g_jax.train.workdir import VALIDATION_PREFIX, only_run
 SAMPLES, PROFILE = "samples", "profile"
 
 _NAMES_SHOWN = 8
-_SETTLING = 30  # batches before a validation by which the BatchNorm statistics of the average are measured
-_LINE_SECONDS = 60.0  # seconds between two lines about the steps where stderr is no terminal
+_SETTLING = 30  # batches before a validation from which the BatchNorm statistics of the average are measured
+_LINE_SECONDS = 60.0  # seconds between two progress lines if stderr is not a terminal
 
 
 def train(
@@ -254,7 +254,7 @@ def _until_due(step: int, every: int, last: int) -> int:
 
 
 class Validation:
-    """Mean terms of the objective over a split, in the same batches every time.
+    """Means of the terms of the objective over a split, in the same batches every time.
 
     Windows that do not fill a batch are left out; batches are smaller if the split has fewer windows.
 

@@ -22,7 +22,7 @@ from ha2g_jax.skeleton import load_skeleton, normalize
 from ha2g_jax.train import sharding
 from ha2g_jax.train.objective import build_objective, init_state
 
-# Sizes of the tables of words and speakers where no corpus is given: about those of TED.
+# Sizes of the tables of words and speakers if no corpus is given, about those of TED.
 NUM_WORDS, NUM_SPEAKERS = 20_000, 1_000
 
 
@@ -41,14 +41,14 @@ class Memory(NamedTuple):
 
     @property
     def total(self) -> int:
-        """Bytes that the step needs in all."""
+        """Total number of bytes that the step needs."""
         return self.arguments + self.outputs - self.aliased + self.temporary
 
 
 class TimedStep:
     """The training step of a config, compiled for the devices of the config but not yet run.
 
-    The corpus gives the numbers of words and speakers, which are the sizes of the tables; None for those of TED.
+    The corpus determines the sizes of the tables of words and speakers; None for those of TED.
 
     Attributes:
         batch: the random batch, on the devices.
@@ -85,14 +85,14 @@ class TimedStep:
         self.memory = _memory(self._step)
 
     def initialise(self) -> float:
-        """Initialise the networks as a run does, and return the seconds."""
+        """Initialise the networks as a run does, and return the time in seconds."""
         started = time.perf_counter()
         state = jax.block_until_ready(init_state(self.objective, self._key))
         self._state = sharding.replicate(self._mesh, state)
         return time.perf_counter() - started
 
     def validate(self) -> tuple[float, float]:
-        """Return the seconds to compile the validation of a batch, and of another one; call `run` before."""
+        """Return the seconds to compile the validation step, and those to run it on a batch; call `run` before."""
         step, seconds = sharding.compile_validation_step(self.objective, self._mesh), []
         for _ in range(2):
             started = time.perf_counter()
@@ -101,7 +101,7 @@ class TimedStep:
         return max(seconds[0] - seconds[1], 0.0), seconds[1]
 
     def median(self, steps: int, most_seconds: float = math.inf) -> float:
-        """Return the median seconds of `steps` steps after the first, of fewer where they take `most_seconds`."""
+        """Return the median seconds of `steps` steps after the first, or of fewer once they took `most_seconds`."""
         self.run()
         started, seconds = time.perf_counter(), [self.run()]
         while len(seconds) < steps and time.perf_counter() - started < most_seconds:
@@ -109,7 +109,7 @@ class TimedStep:
         return statistics.median(seconds)
 
     def run(self) -> float:
-        """Run one step and return its seconds; the first call also creates the state, which is not timed."""
+        """Run one step and return its time in seconds; the first call also creates the state, which is not timed."""
         if self._state is None:
             # The time does not depend on the numbers, and the program that initialises the state compiles slowly.
             state = jax.tree.map(lambda x: np.full(x.shape, 0.01, x.dtype), self._shapes)
@@ -121,7 +121,7 @@ class TimedStep:
 
 
 def random_batch(spec: Spec, size: int, num_words: int, num_speakers: int) -> dict[str, np.ndarray]:
-    """Return noise in the shapes, types and units of a batch of `size` windows, see `ha2g_jax.data.windows`."""
+    """Return noise with the shapes, types and units of a batch of `size` windows, see `ha2g_jax.data.windows`."""
     random = np.random.default_rng(0)
 
     def draw(name: str, shape: tuple[int, ...]) -> np.ndarray:
@@ -153,9 +153,9 @@ def _memory(step: jax.stages.Compiled) -> Memory | None:
 
 
 class Profile:
-    """Trace some steps of a run after the step is compiled, and stop after them.
+    """Trace a few steps of a run after the step is compiled.
 
-    The trace is written to a folder, None for no trace; it begins after `first` calls of `step` and has `steps`.
+    The trace is written to a folder, None for no trace; it begins after `first` calls of `step` and covers `steps`.
     """
 
     def __init__(self, folder: pathlib.Path | None, *, first: int = 3, steps: int = 5):

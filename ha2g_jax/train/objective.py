@@ -36,11 +36,11 @@ class Objective:
         gan: kind of the adversarial loss; "" for a method without a discriminator.
         generator_optimizer, discriminator_optimizer: Adam, after clipping of the gradient's norm; their `update` takes
             `step=`.
-        generator_rate, discriminator_rate: learning rate at a step.
+        generator_rate, discriminator_rate: learning rate as a function of the step.
         warmup_steps: steps before the GAN term is used (D9); 0 from `build_objective`, which knows no epochs.
         average_decay: largest decay of the running average of the generator in a step; 0 for no average.
         compute: precision of the activations, and number of parts of a batch.
-        log_every, num_steps: a line of metrics is written for every step that `log_every` divides, and for the last.
+        log_every, num_steps: metrics are written every `log_every` steps, and after the last of `num_steps`.
     """
 
     spec: Spec
@@ -166,7 +166,7 @@ def init_state(objective: Objective, key: jax.Array, pretrained: Mapping[str, An
 def merge(tree: Any, part: Any) -> Any:
     """Return a tree of variables with the values of a part of it; a table of the part may have fewer rows."""
     if not isinstance(part, Mapping):
-        # The table of Seq2Seq has more rows, the marks of a sentence, which keep their random values.
+        # The table of Seq2Seq has more rows, for the start and end of a sentence, which keep their random values.
         return tree.at[: len(part)].set(jnp.asarray(part, jnp.float32))
     return {**tree, **{name: merge(tree[name], value) for name, value in part.items()}}
 

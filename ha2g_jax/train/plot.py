@@ -1,4 +1,4 @@
-"""Draw the curves of training runs over one another, with matplotlib: a page that works offline, or one picture."""
+"""Draw the curves of training runs in the same charts, with matplotlib: a page that works offline, or one picture."""
 
 import html
 import io
@@ -18,7 +18,7 @@ from ha2g_jax.train.workdir import METRICS, VALIDATION_PREFIX, read_metrics
 SMOOTHING = 0.04  # width of the running mean as a fraction of the steps
 
 _PAGE_SUFFIX, _PICTURES = ".html", (".png", ".svg")
-_CLOCKS = ("step", "seconds", "compile_seconds")  # no curves
+_CLOCKS = ("step", "seconds", "compile_seconds")  # metrics that are not drawn
 _WIDTH, _HEIGHT = 5.2, 2.7  # inches of a chart, of which two are side by side
 _LOG_FROM = 20.0  # ratio of the greatest to the least value from which an axis is logarithmic
 _PAGE = """<!doctype html>
@@ -145,6 +145,6 @@ def running_mean(steps: np.ndarray, values: np.ndarray, width: float) -> np.ndar
 
 
 def align_seeds(series: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
-    """Return all steps (m,) of some runs, and the values (runs, m): joined by lines, NaN outside of a run's steps."""
+    """Return all steps (m,) of some runs, and values (runs, m), interpolated linearly, NaN outside a run's steps."""
     at = np.unique(np.concatenate([steps for steps, _ in series]))
     return at, np.stack([np.interp(at, steps, values, left=np.nan, right=np.nan) for steps, values in series])

@@ -92,7 +92,7 @@ def commit(package: pathlib.Path) -> str | None:
     """Return the git commit of the source tree of the folder of a package, with "-dirty" appended if the package or a
     script beside it differs.
 
-    None if the package is installed rather than checked out, even if a repository surrounds it.
+    The result is None if the package is installed rather than checked out, even inside a repository.
     """
     git = ["git", "-C", str(package)]
     top = _output([*git, "rev-parse", "--show-toplevel"])

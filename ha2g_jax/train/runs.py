@@ -23,7 +23,7 @@ _MOST_IN_LABEL = 3  # settings that a label names; lines with more differences a
 
 
 class Best(NamedTuple):
-    """The least validation score of a run, and the step that it was reached at."""
+    """The least validation score of a run, and the step at which it was reached."""
 
     name: str
     value: float
@@ -61,7 +61,7 @@ class Line(NamedTuple):
     runs: tuple[Run, ...]
 
 
-# Order of the rows: name, then the key by which they are sorted; what is sought for comes first.
+# Name of an order of the rows -> the key by which they are sorted, so that the most wanted come first.
 SORTS: dict[str, Callable[[Run], Any]] = {
     "name": lambda run: 0,
     "step": lambda run: -run.step,
@@ -111,7 +111,7 @@ def find_workdirs(folder: str | os.PathLike) -> list[pathlib.Path]:
 def read_runs(workdirs: Iterable[pathlib.Path]) -> list[Run]:
     """Read the runs of several workdirs, each once; those that cannot be read have the state `DAMAGED` and a reason.
 
-    Runs are named by their paths below the folder that all are in.
+    Runs are named by their paths below their common folder.
     """
     paths = list({resolved(path): path for path in workdirs})
     top = pathlib.Path(os.path.commonpath([path.parent for path in paths])) if paths else pathlib.Path()
@@ -179,7 +179,7 @@ def differing(runs: Sequence[Run]) -> list[str]:
 
 
 def common_differing(runs: Sequence[Run]) -> list[str]:
-    """Return the settings of `differing` that all runs have, so that the parts of a method are told by its name."""
+    """Return the settings of `differing` that all runs have, without those that only some methods have."""
     readable = [run.settings for run in runs if run.settings]
     return [name for name in differing(runs) if all(name in settings for settings in readable)]
 
@@ -229,7 +229,7 @@ def _value_text(run: Run, name: str) -> str:
 
 
 def as_json(runs: Sequence[Run]) -> list[dict[str, Any]]:
-    """Return runs as plain values of JSON; of the settings those that differ, None where a run does not have one."""
+    """Return runs as plain values of JSON, with the settings that differ; None if a run does not have a setting."""
     names = differing(runs)
     return [
         {

@@ -41,7 +41,7 @@ def data_mesh(devices: Sequence[Any] | None = None) -> Mesh:
 
 
 def whole(mesh: Mesh, shapes: Any) -> Any:
-    """Return a tree of `jax.ShapeDtypeStruct` as that of arrays that are replicated on every device of a mesh."""
+    """Return a tree of `jax.ShapeDtypeStruct` with the sharding of arrays that are replicated on all devices."""
     sharding = NamedSharding(mesh, PartitionSpec())
     return jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=sharding), shapes)
 
@@ -62,10 +62,10 @@ def replicate(mesh: Mesh, tree: Any) -> Any:
 
 
 def check_batch_size(size: int, num_devices: int) -> None:
-    """Check that each device can have equally many windows of a batch.
+    """Check that a batch splits evenly over the devices.
 
     Raises:
-        UserError: it does not split evenly.
+        UserError: it does not.
     """
     if size % num_devices:
         raise UserError(

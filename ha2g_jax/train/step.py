@@ -21,7 +21,7 @@ from ha2g_jax.train.objective import Objective
 
 Metrics = dict[str, jax.Array]
 
-_MIN_NORM = 1e-12  # least norm of a gradient that another is divided by
+_MIN_NORM = 1e-12  # lower bound of a gradient's norm that another is divided by
 
 
 def train_step(objective: Objective, state: TrainState, batch: Batch, key: jax.Array) -> tuple[TrainState, Metrics]:
@@ -102,7 +102,7 @@ def train_step(objective: Objective, state: TrainState, batch: Batch, key: jax.A
 
 
 def settle_average(objective: Objective, state: TrainState, batch: Batch, key: jax.Array) -> TrainState:
-    """Move the BatchNorm statistics of the average by a batch that its own parameters encode.
+    """Update the BatchNorm statistics of the average by running its own parameters on a batch.
 
     A running mean of the statistics fits the parameters of past steps, not their average. The statistics of the average
     have to be measured with its own parameters (Izmailov et al. 2018, section 3.2).
@@ -111,7 +111,7 @@ def settle_average(objective: Objective, state: TrainState, batch: Batch, key: j
         objective, state, batch, key: as for `train_step`; the state has an average.
 
     Returns:
-        The state with the statistics moved; unchanged if `state.is_finite` is False.
+        The state with the updated statistics; unchanged if `state.is_finite` is False.
     """
     keys = step_keys(objective.spec, key, state.step)
     run = method_of(objective.spec).run(objective.spec, state.average, batch, keys, compute=objective.compute)
@@ -122,8 +122,8 @@ def settle_average(objective: Objective, state: TrainState, batch: Batch, key: j
 def validation_step(objective: Objective, state: TrainState, batch: Batch, key: jax.Array) -> Metrics:
     """Return the terms of the objective for `state.model` in evaluation mode, with the mean of each identity.
 
-    The key of all noise, such as the permutation of the identities of the style term, is not a function of the step
-    here, so that validations of one run differ by the networks alone.
+    All noise, such as the permutation of the identities in the style term, is the same at every step, so that
+    validations of one run differ only by the networks.
 
     Returns:
         "loss/<term>" (unweighted) and "loss/total" (weighted, with the GAN term also during warm-up).
@@ -136,9 +136,8 @@ def validation_step(objective: Objective, state: TrainState, batch: Batch, key: 
 
 
 def step_keys(spec: Spec, key: jax.Array, step: jax.Array) -> dict[str, jax.Array]:
-    """Return the keys of one step, one for each random stream of the method and of the adversarial loss.
-
-    The number of the step is folded into the key of the run.
+    """Fold the number of a step into the key of the run, and return a key for each random stream of the method and of
+    the adversarial loss.
     """
     uses = (*method_of(spec).rngs, "discriminator", "gan")
     return dict(zip(uses, jax.random.split(jax.random.fold_in(key, step), len(uses)), strict=True))

@@ -16,7 +16,7 @@ from ha2g_jax.files.reading import shown
 from ha2g_jax.files.writing import write_text, writing
 
 METRICS, LOCK = "metrics.jsonl", "training.lock"
-VALIDATION_PREFIX = "validation/"  # begins the names of the metrics of the validation split
+VALIDATION_PREFIX = "validation/"  # prefix of the metrics of the validation split
 
 CONTINUE = "correct this, then the same command continues"  # advice where a file cannot be written
 
@@ -42,7 +42,7 @@ def read_metrics(path: pathlib.Path, containing: str = "") -> list[dict[str, flo
 
     Args:
         path: path of the file.
-        containing: text of the lines to return beside the last one; to skip a line takes little time.
+        containing: return only the last line and the lines that contain this text; skipping a line takes little time.
 
     Raises:
         UserError: there is no such file, or a line of it is damaged.
