@@ -1,1 +1,1 @@
-"""Read speech and words, and compute the features that models take: spectrograms, word indices, word vectors."""
+"""Read speech and words, and compute the features that models read: spectrograms, word indices, word vectors."""

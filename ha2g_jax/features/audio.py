@@ -30,11 +30,11 @@ SAMPLE_RATE = 16000
 MIN_SECONDS = 0.2
 LOWEST_HZ = 80.0  # lowest frequency of speech, that of a deep voice
 
-_INFINITE = 1e30  # greater samples would overflow in sums of them
+_INFINITE = 1e30  # sums of larger samples would overflow
 _logger = logging.getLogger(__name__)
 
-# FFmpeg knows hundreds of formats, among them lists of other files and of addresses in the network, which a file of
-# unknown origin must not make it open, and pictures of letters, which any text is. These are those of recordings.
+# FFmpeg knows hundreds of formats. Some are lists of other files or of network addresses, which an untrusted file must
+# not make it open; another renders any text as a picture. The formats here are those of recordings.
 _FORMATS = (
     *("3g2", "3gp", "aac", "ac3", "aiff", "amr", "amrnb", "amrwb", "ape", "asf", "au", "avi", "caf", "dsf", "dts"),
     *("dtshd", "dv", "eac3", "flac", "flv", "gsm", "gxf", "h264", "hevc", "ivf", "loas", "m4v", "matroska", "mlp"),
@@ -42,30 +42,30 @@ _FORMATS = (
     *("truehd", "tta", "voc", "w64", "wav", "webm", "wtv", "wv"),
 )
 MEDIA_ERRORS = (FFmpegError, OSError, ValueError, ArithmeticError, LookupError)
-"""Exceptions by which PyAV answers damaged files."""
+"""Exceptions that PyAV raises for damaged files."""
 _MAX_PACKET_VALUES = 1 << 23  # samples of all channels, four times as many as the longest packet of a real codec
 _OPTIONS = {
     "format_whitelist": ",".join(_FORMATS),
-    # For the codecs that look into the beginning of a file while it is opened.
+    # For the codecs that probe the beginning of a file while it is opened.
     "max_pixels": str(MAX_VIDEO_PIXELS),
     "max_samples": str(_MAX_PACKET_VALUES),
 }
-# Tags may have letters in any encoding. PyAV accepts them since version 19; before, it fails unless it is told.
+# Tags may have letters in any encoding. PyAV accepts them since version 19; before, it fails unless told to.
 _TAGS: Any = {} if int(av.__version__.split(".")[0]) >= 19 else {"metadata_errors": "replace"}
 
 # Exceptions of libsndfile and its wrapper, after which FFmpeg is tried.
 _SOUNDFILE_ERRORS = (soundfile.SoundFileError, OSError, ValueError, ArithmeticError, TypeError, AssertionError)
 _BLOCK = 1 << 20  # values that are decoded at a time
-_MOST_HEADER = 1024  # bytes; a file of this size may be a header alone
-_LEAST_GAP = 0.015  # seconds between two frames, above which they are a gap and not rounded times
+_MOST_HEADER = 1024  # bytes; a file of this size may be only a header
+_LEAST_GAP = 0.015  # seconds between two frames above which there is a gap and not a rounding error
 _CANCELLED = 0.1  # ratio of powers below which the mean of channels is not that of independent sounds
-_INAUDIBLE = 2e-4  # range of the samples of silence: a few steps of 16 bits
+_INAUDIBLE = 2e-4  # range of the samples of silence, a few steps of 16-bit sound
 _UNKNOWN = 1 << 62  # libsndfile's number of samples where a header does not state it
 _RF64_SIZES, _RF64_BYTES = 20, 36  # where the sizes of a RF64 and of its sound begin and end
 _SAMPLE_DUMP = b"\xf0\x7e"
-_MPEG = b"\xff"  # first byte of MP3 without a tag; its decoder prints
-_PADDING = SAMPLE_RATE // 10  # samples by which the ends are continued before sound is filtered
-_PAIRWISE = 8  # channels from which NumPy adds in another order
+_MPEG = b"\xff"  # first byte of MP3 without a tag; libsndfile's decoder prints to the terminal
+_PADDING = SAMPLE_RATE // 10  # samples by which both ends are extended before sound is filtered
+_PAIRWISE = 8  # number of channels from which NumPy adds in another order
 
 
 _T = TypeVar("_T")
@@ -74,17 +74,16 @@ _T = TypeVar("_T")
 class _Block(NamedTuple):
     samples: np.ndarray  # (samples, channels) float32
     rate: int  # samples per second
-    declared: int = 0  # samples of the whole file by its header, 0 if it does not say
+    declared: int = 0  # samples of the whole file by its header, 0 if it does not state them
 
 
 def read_audio(path: str | pathlib.Path, max_seconds: float = MAX_SOUND_SECONDS) -> np.ndarray:
     """Read the audio of any file that libsndfile or PyAV (FFmpeg) reads, including videos.
 
-    Channels are averaged, unless they cancel each other, as where one is the other upside down: then the loudest is
-    taken. Of several tracks it is the one that a player takes, and where packets of it are lost there is silence.
-    Samples that are NaN or infinite become 0; audio with a peak above 1 is scaled to a peak of 1. A warning in the log
-    names a file with such samples or channels, or in which nothing is to be heard. No more than `max_seconds` are
-    decoded.
+    Channels are averaged, unless they cancel each other, for example because one is inverted: then the loudest is used.
+    Of several tracks the one that a player would choose is read; lost packets are replaced by silence. Samples that are
+    NaN or infinite become 0; audio with a peak above 1 is scaled to a peak of 1. A warning in the log names a file with
+    such samples or channels, or with inaudible sound. No more than `max_seconds` are decoded.
 
     Returns:
         (samples,) float32, mono, 16 kHz; duration x 16000 samples, rounded.
@@ -110,7 +109,7 @@ def read_voices(path: str | pathlib.Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _decoded(path: str | pathlib.Path, read: Callable[[Callable[[], Iterator[_Block]]], _T]) -> _T:
-    """Return what a function reads of the sound of a file, which libsndfile decodes, or else FFmpeg."""
+    """Return what `read` makes of the sound of a file, which libsndfile decodes, or else FFmpeg."""
     path = pathlib.Path(path)
     with reading(path, "an audio file"):
         size = path.stat().st_size if path.is_file() else None
@@ -139,7 +138,7 @@ def _channel(decode: Callable[[], Iterator[_Block]], path: str | pathlib.Path, c
 
 
 def convert_samples(samples: np.ndarray, rate: int) -> np.ndarray:
-    """Convert sound that another library has read, by the rules of `read_audio`.
+    """Convert sound that another library has read, with the rules of `read_audio`.
 
     Args:
         samples: (samples,), (samples, channels) or (channels, samples), floats within -1 and 1, or signed integers of
@@ -147,7 +146,7 @@ def convert_samples(samples: np.ndarray, rate: int) -> np.ndarray:
         rate: samples per second.
 
     Raises:
-        UserError: these are no samples and their rate, or the sound cannot be used, see `read_audio`.
+        UserError: the arguments are not samples and their rate, or the sound cannot be used, see `read_audio`.
     """
     expected = "expected (samples, rate), an array of sound and its samples per second, as soundfile.read returns it"
     sound = np.asarray(samples)
@@ -155,7 +154,7 @@ def convert_samples(samples: np.ndarray, rate: int) -> np.ndarray:
         raise UserError(f"the speech is a pair of {type(samples).__name__} and {type(rate).__name__}; {expected}")
     if not MIN_SOUND_RATE <= rate <= MAX_SOUND_RATE or rate != int(rate):
         raise UserError(f"the speech has {rate} samples per second; {expected}")
-    # Integers of 64 bits are those of a list or a sum; their full range is not that of the samples.
+    # Integers of 64 bits come from a list or a sum; their full range is not that of the samples.
     if np.issubdtype(sound.dtype, np.signedinteger) and sound.itemsize <= 4:
         sound = sound / -float(np.iinfo(sound.dtype).min)
     elif not np.issubdtype(sound.dtype, np.floating):
@@ -171,7 +170,7 @@ def convert_samples(samples: np.ndarray, rate: int) -> np.ndarray:
 def _mono(decode: Callable[[], Iterator[_Block]], name: str, max_seconds: float) -> np.ndarray:
     """Return the mean of the channels, or the loudest channel if they cancel each other, with a peak of at most 1."""
     samples, power, powers = _collect(decode(), name, max_seconds)
-    # The mean of sounds that have nothing to do with each other has the power sum(powers) / channels^2.
+    # The mean of independent sounds has the power sum(powers) / channels^2.
     if power < _CANCELLED * powers.sum() / len(powers) ** 2:
         channel = int(powers.argmax())
         _logger.warning("%s: its channels cancel each other; channel %d is used", name, channel + 1)
@@ -190,8 +189,10 @@ def _limited(samples: np.ndarray) -> np.ndarray:
 def _collect(
     blocks: Iterator[_Block], name: str, max_seconds: float, channel: int | None = None
 ) -> tuple[np.ndarray, float, np.ndarray]:
-    """Read the sound of blocks with the same samples as all of it at once: (samples,) float32 at 16 kHz, the mean of
-    the channels or one of them; and, before it is resampled, the sum of its squares and that of each channel.
+    """Read sound block by block, with the same result as all of it at once.
+
+    Returns (samples,) float32 at 16 kHz, the mean of the channels or one of them; and the sum of its squares before
+    resampling, and that of each channel.
     """
     parts, num_samples, num_bad, rate, resampler = [], 0, 0, SAMPLE_RATE, None
     power, powers = 0.0, np.zeros(0)
@@ -241,14 +242,14 @@ def _check_least(num_samples: int, rate: int, name: str) -> None:
 def _check_most(num_samples: int, rate: int, channels: int, name: str, max_seconds: float) -> None:
     if num_samples / rate > max_seconds:
         raise UserError(f"{name} has more than {max_seconds / 60:.3g} minutes of sound; cut it into shorter parts")
-    if num_samples * max(channels, 2) > MAX_SOUND_VALUES:  # to resample them takes as long as to decode a channel
+    if num_samples * max(channels, 2) > MAX_SOUND_VALUES:  # resampling them takes as long as decoding a channel
         raise UserError(
             f"{name} is too long for a recording of {channels} channels at {rate} Hz; convert it to mono at 48 kHz"
         )
 
 
 def _finite(samples: np.ndarray) -> tuple[np.ndarray, int]:
-    """Return samples without those that are NaN, infinite, or too large to be resampled, and the number of these."""
+    """Replace samples that are NaN, infinite or too large to be resampled, and return all samples and their number."""
     is_finite = np.abs(samples) < _INFINITE
     bad = len(samples) - int(np.count_nonzero(is_finite))
     return (np.where(is_finite, samples, np.float32(0)) if bad else samples), bad
@@ -262,7 +263,7 @@ def _report(num_bad: int, num_samples: int, name: str) -> None:
 
 
 def high_pass(audio: np.ndarray) -> np.ndarray:
-    """Return sound (samples,) at 16 kHz, float32, without what is below `LOWEST_HZ`, and without delay."""
+    """Remove frequencies below `LOWEST_HZ` from sound (samples,) float32 at 16 kHz, without delay."""
     from scipy import signal  # few methods read samples, and its import takes a while
 
     sections = signal.butter(4, LOWEST_HZ, "highpass", fs=SAMPLE_RATE, output="sos")
@@ -282,9 +283,9 @@ def wave_window(audio: np.ndarray, start_frame: int, num_frames: int, fps: float
 
 
 def _libsndfile_blocks(path: pathlib.Path) -> Generator[_Block, None, None]:
-    """Yield the sound of a file that libsndfile reads; the first block is empty and has what the header declares."""
-    # The file is passed as a number: libsndfile would use a name before the contents, and an offset in a damaged header
-    # would raise in a callback, where Python can only print it.
+    """Yield the sound of a file that libsndfile reads; the first block is empty and holds the values of the header."""
+    # The file is passed as a descriptor: with a name libsndfile would trust the suffix more than the contents, and with
+    # a Python file an offset in a damaged header would raise in a callback, where Python can only print the error.
     with path.open("rb", buffering=0) as raw:
         head = raw.read(3)
         raw.seek(0)
@@ -321,16 +322,16 @@ def _ffmpeg_blocks(path: pathlib.Path) -> Generator[_Block, None, None]:
 
 
 def sound_track(container: InputContainer) -> av.AudioStream | None:
-    """Return the track of sound that a player takes: the one that is marked as default, or else the fullest."""
-    stream = container.streams.best("audio") or next(iter(container.streams.audio), None)  # none is best if all are odd
+    """Return the audio track that a player would choose: the one marked as default, or else the best one."""
+    stream = container.streams.best("audio") or next(iter(container.streams.audio), None)  # best may be None
     return stream if isinstance(stream, av.AudioStream) else None
 
 
 def sound_start(path: pathlib.Path) -> float:
-    """Return when the sound of a file starts on the clock of its images, 0 seconds without sound.
+    """Return the time in seconds at which the sound of a file starts, on the clock of its images; 0 without sound.
 
     Raises:
-        One of `MEDIA_ERRORS`: the file cannot be read, or is no recording.
+        One of `MEDIA_ERRORS`: the file cannot be read, or is not a recording.
     """
     with open_media(path) as container:
         return _first_time(container)
@@ -424,7 +425,7 @@ def open_media(path: pathlib.Path) -> InputContainer:
     """Open a file of sound or images, of any name, which the caller must close.
 
     Raises:
-        One of `MEDIA_ERRORS`: the file cannot be read, or is no recording.
+        One of `MEDIA_ERRORS`: the file cannot be read, or is not a recording.
     """
     with path.open("rb") as file:
         head = file.read(_RF64_BYTES)

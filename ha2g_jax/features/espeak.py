@@ -46,7 +46,7 @@ _TOKEN = re.compile(rf"<[^>]*>|(?P<word>{_LETTER}+(?:['’-]{_LETTER}+)*)")
 
 
 class Voice(NamedTuple):
-    """A speaker's voice in the terms of espeak-ng.
+    """The parameters of a voice of espeak-ng.
 
     Attributes:
         language: espeak-ng's name of a language or of a variety of English, such as "en-us".
@@ -69,7 +69,7 @@ def sample_voice(rng: np.random.Generator) -> Voice:
     return Voice(
         language=str(rng.choice(LANGUAGES)),
         variant=str(rng.choice(MALE_VARIANTS if is_male else FEMALE_VARIANTS)),
-        # The female variants are tuned high already.
+        # The female variants have a high pitch already.
         pitch=int(rng.integers(10, 91) if is_male else rng.integers(5, 66)),
         pitch_range=int(rng.integers(20, 100)),
         rate=int(rng.integers(105, 261)),

@@ -1,6 +1,6 @@
-"""Noise that a generator reads beside the speech: a track over time, a function of the seed and the frame's number.
+"""Noise that a generator reads together with the speech: a function of the seed and of the number of the frame.
 
-Windows that overlap, a stream that samples a moment again two frames later, and another runtime all meet the same noise
+Overlapping windows, a stream that samples a moment again two frames later, and another runtime all get the same noise
 at the same moment. Half of the channels change within seconds, as stances do, the others within a stroke.
 """
 
@@ -14,14 +14,14 @@ PERIODS = (2.0, 0.5)  # seconds between independent values, of the first and of 
 def track(seed: Any, frames: Any, fps: float, dim: int, *, numpy: Any = np) -> Any:
     """Return noise (..., N, dim) float32, normal with mean 0 and variance 1 at each moment.
 
-    Independent normal values lie at the points of a lattice in time, each channel's shifted against those of the
-    others; between two of them, a and b, the noise is
+    Independent normal values lie at the points of a lattice in time, which is shifted differently for each channel;
+    between two of them, a and b, the noise is
 
         a cos(w) + b sin(w),   w = pi/2 (3 u^2 - 2 u^3),   u from 0 to 1
 
     Args:
-        seed: whole numbers (...) below 2^32.
-        frames: numbers (..., N) of the frames, from 0 on at the start of a clip; they may be negative.
+        seed: integers (...) below 2^32.
+        frames: numbers (..., N) of the frames, counted from 0 at the start of a clip; they may be negative.
         fps: frames per second.
         dim: number of channels.
         numpy: numpy, or jax.numpy for the noise of training.

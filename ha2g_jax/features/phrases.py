@@ -1,9 +1,9 @@
-"""Voice and the ends of phrases in sound that arrives in pieces: what someone who listens nods at.
+"""Detection of voice and of the ends of phrases, at which a listener nods, in sound that arrives in pieces.
 
-A column of the spectrogram is voice where its level between 150 and 4000 Hz is above the floor, the least level of the
-last seconds, and not far below the peaks of the voice so far. A phrase is voice without a pause, and its end is known
-when the pause has lasted. Neither the level of the voice nor that of steady noise matters. Noise that swells, and music
-with the rhythm of speech, may be taken for voice.
+A column of the spectrogram is voice if its level between 150 and 4000 Hz is above the floor, the least level of the
+last seconds, and not far below the peaks of the voice so far. A phrase is voice without a pause; its end is known only
+after the pause. Neither the level of the voice nor that of steady noise matters. Noise that swells, and music with the
+rhythm of speech, may be taken for voice.
 """
 
 import math
@@ -15,24 +15,24 @@ from ha2g_jax.features.spectrum import FFT_SIZE, HOP_LENGTH, NUM_MELS, mel_frequ
 
 PAUSE = 0.3  # seconds without voice that end a phrase
 LEAST_PHRASE = 1.0  # seconds of the shortest phrase whose end counts
-_LEAST_VOICE = 0.2  # seconds of voice that are no click
-_PAUSE_COLUMNS = 11  # of `PAUSE`, and of the end of a word that is too quiet to be voice
+_LEAST_VOICE = 0.2  # seconds; shorter voice is a click
+_PAUSE_COLUMNS = 11  # columns of `PAUSE`, and of the end of a word that is too quiet to be voice
 _VOICE_HZ = 150, 4000
-_LEAST_DB, _FIRST_PEAK_DB = -68.0, -20.0  # of a column; digital silence has the first
-_ABOVE_FLOOR_DB, _BELOW_PEAK_DB = 6.0, 24.0  # of the least voice
-_DROP_DB = 8.0  # from the mean level of a phrase to that of a pause
+_LEAST_DB, _FIRST_PEAK_DB = -68.0, -20.0  # levels of a column; the first is that of digital silence
+_ABOVE_FLOOR_DB, _BELOW_PEAK_DB = 6.0, 24.0  # distances of the quietest voice from the floor and from the peak
+_DROP_DB = 8.0  # drop from the mean level of a phrase to that of a pause
 _FLOOR_COLUMNS = 94  # three seconds
-_FALL_DB = 1.0  # of the peak per second of voice
+_FALL_DB = 1.0  # decay of the peak per second of voice
 _COLUMN = HOP_LENGTH / SAMPLE_RATE  # seconds
 _BANDS = slice(*np.searchsorted(mel_frequencies(NUM_MELS + 2)[1:-1], _VOICE_HZ).tolist())
 
 
 class Phrases:
-    """Voice and the ends of phrases of sound that arrives in pieces, in memory that does not grow.
+    """Detector of voice and of the ends of phrases in sound that arrives in pieces, in constant memory.
 
     Args:
         seconds: time for which voice and ends are remembered.
-        num_samples: samples of silence before the first; the result is that of adding them.
+        num_samples: samples of silence before the first; the result is the same as if they had been added.
 
     Attributes:
         ends: times in seconds of the ends of phrases of at least `LEAST_PHRASE`, which a pause of `PAUSE` has followed.
@@ -42,7 +42,7 @@ class Phrases:
         self.ends: list[float] = []
         self._seconds = seconds
         self._num_columns = num_samples // HOP_LENGTH
-        self._samples = np.zeros(num_samples % HOP_LENGTH + HOP_LENGTH, np.float32)  # from half a column before on
+        self._samples = np.zeros(num_samples % HOP_LENGTH + HOP_LENGTH, np.float32)  # from half a column before
         self._is_voice = np.zeros(math.ceil(seconds / _COLUMN), bool)  # the latest column last
         self._levels = np.full(_FLOOR_COLUMNS, _LEAST_DB)
         self._peak = _FIRST_PEAK_DB
@@ -60,7 +60,7 @@ class Phrases:
         self._samples = self._samples[start:].copy()
 
     def has_voice(self, start: float, end: float) -> bool:
-        """Return whether there is voice, and not a click, between two times in seconds that are remembered."""
+        """Return whether there is voice, longer than a click, between two remembered times in seconds."""
         first = len(self._is_voice) - self._num_columns
         columns = (max(first + round(time / _COLUMN), 0) for time in (start, end))
         return bool(self._is_voice[slice(*columns)].sum() * _COLUMN >= _LEAST_VOICE)

@@ -1,4 +1,4 @@
-"""Reader of untrusted pictures."""
+"""Reader of images from untrusted files."""
 
 import io
 import pathlib
@@ -13,12 +13,12 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import check_there, quiet, reason, shown
 from ha2g_jax.limits import MAX_PICTURE_BYTES, MAX_PICTURE_PASSES, MAX_PICTURE_PIXELS
 
-# Exceptions by which Pillow answers damaged pictures.
+# Exceptions that Pillow raises for damaged images.
 _ERRORS = (
     *(OSError, ValueError, ArithmeticError, SyntaxError, EOFError, LookupError, TypeError, AttributeError),
     *(RuntimeError, struct.error, zlib.error, Image.DecompressionBombError, MemoryError),
 )
-# Pillow knows dozens of formats, of which some start other programs, and some are decoded slowly.
+# Pillow knows dozens of formats, some of which start other programs and some of which are slow to decode.
 _FORMATS = ("BMP", "GIF", "JPEG", "PNG", "TGA", "TIFF", "WEBP")
 _START_OF_SCAN = b"\xff\xda"
 _TILE_SIDES = (322, 323)  # tags of TIFF
@@ -26,10 +26,10 @@ _WIDE = ("I", "F")  # modes of 32 bits, whose range is unknown
 
 
 def read_picture(path: str | pathlib.Path) -> Image.Image:
-    """Read a PNG, JPEG or other common picture of any size within the limits, upright, in RGB of 8 bits.
+    """Read a PNG, JPEG or other common image of any size within the limits, upright, as 8-bit RGB.
 
     Raises:
-        UserError: the file is missing, not there yet or no picture, or it is damaged or too large.
+        UserError: the file is missing, not an image, damaged, or too large.
     """
     check_there(path)
     try:
@@ -38,7 +38,7 @@ def read_picture(path: str | pathlib.Path) -> Image.Image:
         if len(content) > MAX_PICTURE_BYTES:
             raise ValueError(f"more than {MAX_PICTURE_BYTES} bytes")
         with warnings.catch_warnings(), quiet():  # the decoder of TIFF prints
-            warnings.simplefilter("ignore")  # of damage that does not matter, and of sizes, which are checked here
+            warnings.simplefilter("ignore")  # of harmless damage, and of sizes, which are checked here
             return _decode(content)
     except _ERRORS as error:
         raise UserError(

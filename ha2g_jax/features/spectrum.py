@@ -1,21 +1,21 @@
-"""Log-mel spectrograms of whole clips and of their windows: that of HA2G, and that of Whisper.
+"""Log-mel spectrograms of whole clips and of their windows, for HA2G and for Whisper.
 
-HA2G's is librosa's, whose import takes seconds because it compiles with numba: FFT 1024, hop 512, periodic Hann window,
-centred frames, 128 mel bands of Slaney's scale and area normalisation over 0-8 kHz, power to dB.
+That of HA2G is the one of librosa, which is not used because it takes seconds to import: FFT 1024, hop 512, periodic
+Hann window, centred frames, 128 mel bands of Slaney's scale and area normalisation over 0-8 kHz, power to dB.
 Frequencies below 80 Hz are removed: no voice contains a constant offset, rumble or the hum of the mains. Slow sines are
 subtracted before the transform, because the Hann window spreads them over all frequencies. The first and the last
-column, which reach beyond the ends of the sound, are silence: sound that begins in the middle of a wave is no click.
-D11: 0 dB is the maximum of the clip, the floor lies 80 dB below it; the spectrogram is computed once per clip and
-sliced at the nearest column. 0 dB is at least the level of a quiet voice, `LEAST_POWER`, so that faint noise alone is
-not as loud as speech.
+column, which reach beyond the ends of the sound, are silence: otherwise sound cut in the middle of a wave would click.
+D11: 0 dB is the maximum of the clip and the floor is 80 dB below it; the spectrogram is computed once per clip and
+sliced at the nearest column. 0 dB is at least the level of a quiet voice, `LEAST_POWER`, so that faint noise alone does
+not look as loud as speech.
 
 Whisper's (Radford et al. 2022, section 2.2), the input of a speech recognition encoder, has FFT 400, hop 160, log10 of
 the power, a floor 80 dB below the loudest value, and (x + 4) / 4. As with D11, the loudest value is that of the clip
 that a window is cut from, so that all windows of a clip have the same floor; Whisper takes that of its 30 s. Only the
 floor is relative.
 
-The end of a window that has not been heard yet is hidden, in training and in a stream: while someone speaks, a window
-reaches into the future, and a model must know where its knowledge ends.
+In a stream a window reaches into the future, so the part of it that has not been heard yet is hidden with a special
+value. Training hides ends of windows in the same way, so that the model learns where the known speech ends.
 """
 
 import functools
@@ -29,8 +29,8 @@ FFT_SIZE = 1024
 HOP_LENGTH = 512
 NUM_MELS = 128
 FLOOR_DB = -80.0
-_FIRST_HEARD = math.ceil(LOWEST_HZ * FFT_SIZE / SAMPLE_RATE)  # number of a frequency of the FFT
-_SLOW_CYCLES = np.arange(0, 3, 0.5)  # in a column; the fastest, 39 Hz, fills frequencies up to `_FIRST_HEARD`
+_FIRST_HEARD = math.ceil(LOWEST_HZ * FFT_SIZE / SAMPLE_RATE)  # index of a frequency of the FFT
+_SLOW_CYCLES = np.arange(0, 3, 0.5)  # cycles in a column; the fastest, 39 Hz, reaches frequencies up to `_FIRST_HEARD`
 
 NUM_ASR_MELS = 80  # mel bands of Whisper's models, except large-v3 and its derivatives, which have 128
 ASR_COLUMNS_PER_SECOND = 100
@@ -39,8 +39,8 @@ _ASR_HOP_LENGTH = SAMPLE_RATE // ASR_COLUMNS_PER_SECOND
 _ASR_LEAST_POWER = 1e-10
 _ASR_DECADES = 8.0  # difference between the loudest value and the floor
 
-# The value of all bands of a hidden column. 0 dB is the maximum of a clip, so that no sound has it in every band, and
-# silence is at the other end of the range: no further input is needed to tell them apart.
+# Value of all bands of a hidden column. 0 dB is the maximum of a clip, so that no sound has it in every band, and
+# silence is at the other end of the range; the model needs no further input to tell them apart.
 HIDDEN_DB = 0.0
 
 # The loudest mel power of speech with a peak of about 0.2: 12 to 37 in four recordings. A stream begins with this 0 dB,
@@ -57,9 +57,9 @@ _SOUND_DB = -30.0  # a column whose loudest band is louder is sound
 _FALL = 10 ** (-_FALL_DB / 10 * HOP_LENGTH / SAMPLE_RATE)
 
 _LINEAR_HZ, _LINEAR_MEL = 1000.0, 15.0  # end of the linear part of Slaney's scale
-_LOG_STEP = np.log(6.4) / 27  # of the logarithm of the frequency in a mel above it
-_BLOCK_BYTES = 1 << 18  # of samples that are transformed together: few enough for a single thread of BLAS
-_NEIGHBOURS = 8  # bands that are filtered together: few enough to have few frequencies, many enough to be fast
+_LOG_STEP = np.log(6.4) / 27  # step of the logarithm of the frequency for each mel above it
+_BLOCK_BYTES = 1 << 18  # bytes of samples that are transformed together: few enough for a single thread of BLAS
+_NEIGHBOURS = 8  # bands that are filtered together: few enough to share few frequencies, many enough to be fast
 _COLUMNS = 256  # columns that are filtered together: few enough for a single thread of BLAS
 
 
@@ -69,8 +69,8 @@ def log_mel(audio: np.ndarray, reference: float | None = None) -> np.ndarray:
     For a clip of ordinary loudness this is `librosa.power_to_db(melspectrogram(...), ref=np.max)` between the first and
     the last column, which are silence. Unlike that of librosa, the floor is relative to the clip (D11), so that the
     result does not depend on the volume. `reference` is the mel power of 0 dB, by default the maximum of the clip, and
-    at least `LEAST_POWER`, so that quieter sound stays below 0 dB. A clip that is nowhere within 30 dB of
-    0 dB is silence, as in a stream.
+    at least `LEAST_POWER`, so that quieter sound stays below 0 dB. A clip that nowhere comes within 30 dB of 0 dB is
+    silence, as in a stream.
     """
     power = np.zeros((NUM_MELS, 1 + len(audio) // HOP_LENGTH), np.float32)
     if len(audio) >= FFT_SIZE:
@@ -82,7 +82,7 @@ def log_mel(audio: np.ndarray, reference: float | None = None) -> np.ndarray:
 def mel_power(audio: np.ndarray) -> np.ndarray:
     """Compute the mel powers (128, 1 + (samples - 1024) // 512) float32 of sound (samples,) float32 at 16 kHz.
 
-    Column c is that of samples 512 c to 512 c + 1023.
+    Column c covers samples 512 c to 512 c + 1023.
     """
     power = power_spectrum(audio, FFT_SIZE, HOP_LENGTH, _slow_sines())
     power[:_FIRST_HEARD] = 0
@@ -124,7 +124,7 @@ def mel_window(mel: np.ndarray, start_frame: int, num_frames: int, fps: float) -
 
 
 def heard_columns(end_frame: int, fps: float) -> int:
-    """Return how many columns of a clip's spectrogram are known when its first frames have been heard.
+    """Return how many columns of a clip's spectrogram are known when its first `end_frame` frames have been heard.
 
     Column c needs the first 512 (c + 1) samples; floor(end_frame / fps x 16000) of them have been heard.
     """
@@ -161,8 +161,8 @@ def asr_log_mel(audio: np.ndarray, num_mels: int = NUM_ASR_MELS) -> np.ndarray:
 def asr_columns(num_frames: int, fps: float) -> int:
     """Return the columns of a window: 228, 2.28 s, for 34 frames at 15 fps.
 
-    It is the least even number that covers the window and has, after the encoder has halved it, a position after the
-    middle of the last frame.
+    It is the least even number that covers the window and leaves, after the encoder has halved it, a position after
+    the middle of the last frame.
     """
     positions = ASR_COLUMNS_PER_SECOND / 2
     last = math.floor((num_frames - 0.5) * positions / fps)
@@ -215,9 +215,9 @@ def _slow_sines() -> np.ndarray:
 def mel_spectrum(power: np.ndarray, num_mels: int) -> np.ndarray:
     """Filter power spectra (1 + fft_size // 2, columns) to (num_mels, columns) float32, `mel_filters(...) @ power`.
 
-    Neighbouring bands are a product with the frequencies of these bands alone. The products have a tenth of the
-    multiplications, and are too small to be divided among the threads of BLAS, which wait for each other in a loop and
-    so take cores from a training step or a generation beside them.
+    Each group of neighbouring bands is one product with only the frequencies of these bands. This takes a tenth of the
+    multiplications, and the products are too small for BLAS to use several threads, whose busy waiting would take
+    cores from a training step or a generation that runs at the same time.
     """
     fft_size = 2 * (len(power) - 1)
     filters = mel_filters(fft_size, num_mels)
@@ -262,10 +262,10 @@ def mel_frequencies(count: int) -> np.ndarray:
 
 
 class RunningMel:
-    """The last `num_columns` of the spectrogram of speech that arrives in pieces, in memory that does not grow.
+    """The last `num_columns` of the spectrogram of speech that arrives in pieces, in constant memory.
 
     They are those of `log_mel`, but 0 dB is the mel power `reference` or, because the maximum of a clip is not known
-    before its end, a running level from `TYPICAL_POWER`, which each window takes as it is at its time.
+    before its end, a running level that starts at `TYPICAL_POWER`. Each window uses its current value.
     """
 
     def __init__(self, num_columns: int, reference: float | None = None):
@@ -276,7 +276,7 @@ class RunningMel:
         self.restart(0)
 
     def restart(self, num_samples: int) -> None:
-        """Let all sound so far be silence, of a number of samples; the level of 0 dB stays."""
+        """Replace all sound so far by `num_samples` samples of silence; the level of 0 dB stays."""
         self._powers[:], self._is_sound[:] = 0, False
         self._num_columns = max(num_samples // HOP_LENGTH, 1)  # since the start; the first one is silence
         self._first = HOP_LENGTH * (self._num_columns - 1)  # number of the first of the samples for later columns
@@ -303,7 +303,7 @@ class RunningMel:
     def has_sound(self, start: int, end: int) -> bool:
         """Return whether one of the kept columns from `start` on and before `end` is within 30 dB of 0 dB.
 
-        As 0 dB is at least `LEAST_POWER`, white noise below -72 dBFS never is, whatever was heard before.
+        As 0 dB is at least `LEAST_POWER`, white noise below -72 dBFS never is, no matter what was heard before.
         """
         first = len(self._is_sound) - self._num_columns
         return bool(self._is_sound[max(first + start, 0) : max(first + end, 0)].any())

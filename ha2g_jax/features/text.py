@@ -11,7 +11,7 @@ import numpy as np
 PADDING = 0
 UNKNOWN = 1
 _SPECIAL = 2
-MAX_PLAIN_WORDS = 32  # including the marks of start and end; 2.3 s of speech have about a dozen words
+MAX_PLAIN_WORDS = 32  # including the start and end tokens; 2.3 s of speech have about a dozen words
 
 
 class Word(NamedTuple):
@@ -33,7 +33,7 @@ class Vocabulary:
 
     @classmethod
     def from_counts(cls, counts: Mapping[str, int]) -> "Vocabulary":
-        """Make a vocabulary of counts of words in lower case: most frequent first, ties in alphabetical order."""
+        """Make a vocabulary from counts of words in lower case: most frequent first, ties in alphabetical order."""
         return cls(tuple(sorted(counts, key=lambda word: (-counts[word], word))))
 
     @functools.cached_property
@@ -54,14 +54,14 @@ def words_to_frames(
 ) -> np.ndarray:
     """Align words, in order of time, with frames: the index of each word at the frame in which it starts, 0 elsewhere.
 
-    A word that starts before the window, whose start is `start_time` in the clock of the words, and is still spoken
-    then is at frame 0; of two words in one frame, the later one is kept. Returns (num_frames,) int32.
+    The window starts at `start_time` seconds on the clock of the words. A word that is being spoken then is at frame 0;
+    of two words in one frame, the later one is kept. Returns (num_frames,) int32.
     """
     frames = np.zeros(num_frames, np.int32)
     for word in words:
         if word.end <= start_time and word.start < start_time:
             continue
-        # A start on the border of a frame must not fall into the previous frame by a rounding error.
+        # A start on the border of a frame must not fall into the previous frame because of a rounding error.
         frame = max(0, math.floor((word.start - start_time) * fps + 1e-6))
         if frame < num_frames:
             frames[frame] = vocabulary.encode(word.text)
@@ -69,9 +69,9 @@ def words_to_frames(
 
 
 def plain_words(words: Sequence[Word], vocabulary: Vocabulary, start_time: float, duration: float) -> np.ndarray:
-    """Return (32,) int32 of the words in a stretch of speech, without times, for a model that reads sentences.
+    """Return the words in a stretch of speech, without times, as (32,) int32, for a model that reads sentences.
 
-    They are a mark `len(vocabulary)`, at most 30 words, a mark `len(vocabulary) + 1`, and padding.
+    They are a start token `len(vocabulary)`, at most 30 words, an end token `len(vocabulary) + 1`, and padding.
     """
     inside = [word for word in words if word.end > start_time and word.start < start_time + duration]
     indices = [vocabulary.encode(word.text) for word in inside[: MAX_PLAIN_WORDS - 2]]

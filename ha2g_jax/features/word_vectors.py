@@ -21,7 +21,7 @@ from ha2g_jax.limits import MAX_UNPACKED_RATIO
 _ZIP = b"PK\x03\x04"
 _MAX_LINE = 1 << 20  # bytes in a line of a text file
 _MAX_NAME = 1 << 16
-_SMALL = 1 << 24  # bytes that any packed file may unpack to
+_SMALL = 1 << 24  # bytes that any compressed file may unpack to
 
 # fastText's own format, little-endian throughout.
 _FASTTEXT = struct.pack("<i", 793712314)
@@ -94,7 +94,7 @@ def _rows(path: pathlib.Path, vocabulary: Vocabulary, dim: int) -> dict[int, tup
 
 
 class _Unpacked:
-    """A file of which at most `most` bytes are read, because a small packed file may unpack to any size."""
+    """A file from which at most `most` bytes are read, because a small compressed file may unpack to any size."""
 
     def __init__(self, file: io.BufferedIOBase, most: int):
         self._file, self._left = file, most
@@ -117,7 +117,7 @@ def _best_spellings(rows: Iterator[tuple[str, _Value]], vocabulary: Vocabulary) 
     best: dict[int, tuple[str, _Value]] = {}
     for name, value in rows:
         index = vocabulary.encode(name)
-        # Files with letter case have "May" and "may": the vocabulary's spelling is preferred, else the first one.
+        # Case-sensitive files have "May" and "may": the vocabulary's spelling is preferred, or else the first one.
         if index != UNKNOWN and (index not in best or (name == name.lower() and best[index][0] != name)):
             best[index] = name, value
     return best
@@ -134,7 +134,7 @@ def _check_width(path: pathlib.Path, found: int, dim: int) -> None:
 def _text_rows(
     file: io.BufferedIOBase | _Unpacked, vocabulary: Vocabulary, path: pathlib.Path, dim: int
 ) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield rows `word value value ...`, which fastText and word2vec precede by a line `count dim`."""
+    """Yield rows `word value value ...`; in fastText and word2vec files a line `count dim` comes before them."""
     is_first = True
     for number, line in enumerate(iter(lambda: file.readline(_MAX_LINE), b""), start=1):
         line = line.rstrip()

@@ -2,7 +2,7 @@
 
 A text is aligned in pieces of at most 30 s.
 
-1. The audio is cut at quiet moments and recognised with a language model made of the text alone (after Moreno et al.,
+1. The audio is cut at quiet moments and recognised with a language model made only from the text (after Moreno et al.,
    "A recursive algorithm for the forced alignment of very long audio segments", 1998). Runs of three words or more
    that recognition and text have in common are anchors.
 2. Words between anchors get provisional times: the gap is divided by letters, on a clock that stops in silence. Words
@@ -102,7 +102,7 @@ def align(audio: np.ndarray, text: str) -> tuple[Word, ...]:
 
 
 def _load(texts: Sequence[str]) -> "Decoder":
-    """Load a decoder with only the words of the text, which makes it start 40 times as fast."""
+    """Load a decoder with only the words of the text, so that it starts 40 times as fast."""
     pocketsphinx = require("pocketsphinx", "import", by="aligning a text (a transcript without times)")
     known = _known_pronunciations(texts, pathlib.Path(pocketsphinx.get_model_path("en-us/cmudict-en-us.dict")))
     with tempfile.TemporaryDirectory() as folder:
@@ -138,7 +138,7 @@ def _decode(decoder: "Decoder", audio: np.ndarray, start: float, end: float) -> 
     decoder.start_utt()
     decoder.process_raw((samples * 32767).astype("<i2").tobytes(), full_utt=True)
     decoder.end_utt()
-    # Silences and noises are in brackets; another pronunciation of a word is followed by its number.
+    # Silences and noises are in brackets; alternative pronunciations of a word end with their number.
     spoken = (segment for segment in decoder.seg() or () if segment.word[0] not in "<[")
     return [
         Word(
@@ -151,7 +151,7 @@ def _decode(decoder: "Decoder", audio: np.ndarray, start: float, end: float) -> 
 
 
 def _place(audio: np.ndarray, texts: Sequence[str], recognised: Sequence[Word]) -> list[_Placed]:
-    """Return provisional times: the recognised ones for anchors, and a part of the gap for the words between."""
+    """Return provisional times: the recognised ones for anchors, and a share of the gap for each word between."""
     clock = voiced_clock(audio)
     matcher = difflib.SequenceMatcher(None, texts, [word.text for word in recognised])
     times = {
@@ -183,7 +183,7 @@ def _place(audio: np.ndarray, texts: Sequence[str], recognised: Sequence[Word]) 
 def _pieces(placed: Sequence[_Placed], duration: float) -> list[tuple[float, float, list[_Placed]]]:
     """Cut the recording into pieces of at most 30 s and return (start, end, words) of each.
 
-    Only a pause between two anchors that are neighbours in the text surely lies between the same words in the audio.
+    Only a pause between two anchors that are neighbours in the text is sure to lie between the same words in the audio.
     The longest such pause within 30 s is taken; if there is none, the piece is longer.
     """
     cuts = [
@@ -229,7 +229,7 @@ class VoicedClock(NamedTuple):
 
 
 def loudness(audio: np.ndarray) -> np.ndarray:
-    """Return the level of each 10 ms in decibels, (frames,), smoothed over 50 ms; at least one frame."""
+    """Return the level in decibels of every 10 ms, (frames,), smoothed over 50 ms; there is at least one frame."""
     frames = max(1, len(audio) // _FRAME)
     padded = np.zeros(frames * _FRAME)
     padded[: len(audio)] = audio[: frames * _FRAME]

@@ -1,4 +1,4 @@
-"""Text of a transcript in the encoding that its program wrote, or none: words of another alphabet are never guessed."""
+"""Reader of transcripts in whatever encoding a program wrote; an encoding that is not certain is refused."""
 
 import codecs
 import logging
@@ -22,12 +22,12 @@ _BYTE_ORDER_MARKS = {
 _CONTROLS = {*map(chr, range(32)), *map(chr, range(127, 160)), "\ufffe"} - set("\t\n\r\f\v\x85")
 _logger = logging.getLogger(__name__)
 
-# The letters that each language of Western Europe adds: French, German, Spanish, Portuguese, Italian, Dutch, Danish and
-# Norwegian, Swedish and Finnish.
+# The letters beyond ASCII of each language of Western Europe: French, German, Spanish, Portuguese, Italian, Dutch,
+# Danish and Norwegian, Swedish and Finnish.
 _ALPHABETS = ("àâæçéèêëîïôœùûüÿ", "äöüßé", "áéíñóúü", "áâãàçéêíóôõúü", "àèéìíîòóù", "áéèëïíóöü", "æøåéóòô", "åäöéüšž")
 _AROUND_WORDS = "“”„‘’‚«»‹›¿¡…–—•·©®™°€£§♪"
 _FOREIGN_WORD = re.compile(r"[^\W_]*[^\x00-\x7f\s][^\s]*")
-# Letters of Mac OS Roman, at bytes that stand in no word of Windows-1252.
+# Letters of Mac OS Roman whose bytes occur in no word of Windows-1252.
 _ONLY_MAC = re.compile(rb"[\x80-\x81\x83\x86-\x90\x98-\x99\x9b-\x9d]")
 # A dash between letters of Windows-1252 may be a letter of Mac OS Roman.
 _DASH_OR_LETTER = re.compile(rb"[A-Za-z][\x96\x97][A-Za-z]")
@@ -38,7 +38,7 @@ def read_text(path: pathlib.Path) -> str:
 
     It is in UTF-8, in UTF-16 with or without a byte order mark, in UTF-32 with one, or in Windows-1252 or Mac OS Roman
     if all its words are spelled with the letters of one language of Western Europe. Text that a program has encoded
-    twice (`cafÃ©`) is mended.
+    twice (`cafÃ©`) is repaired.
 
     Raises:
         UserError: the file cannot be read, is too large, or is in another encoding.

@@ -1,4 +1,4 @@
-"""Words in tables and in JSON: columns and keys are known by their names, whichever program wrote them."""
+"""Parsers of words in tables and in JSON, which recognise columns and keys by their names, whatever wrote them."""
 
 import csv
 import functools
@@ -15,7 +15,7 @@ from ha2g_jax.features.words.textgrid import Tier
 from ha2g_jax.features.words.timing import Stretch, fill_gaps, num_letters, with_ends
 from ha2g_jax.files.reading import parse_json, reason, shown
 
-# What a column or a key is for, by its name without the unit, the best name first.
+# Role of a column or key -> its possible names without the unit, the best name first.
 _ROLES = {
     "start": "start, start time, begin, begin time, onset, xmin, tmin, from, time start, time, timestamp, ts, "
     "t start, t offset, t 0, in",
@@ -45,12 +45,12 @@ _MAX_ROW = 1 << 16
 _CTM = re.compile(r"\S+ +\S+ +[0-9]+(?:\.[0-9]*)? +[0-9]+(?:\.[0-9]*)? +\S+(?: +\S+){0,3}")
 _CTM_COLUMNS = "tier\tspeaker\tstart\tduration\tword"
 _ROUNDED = 0.011  # seconds by which a length and the difference of two times may differ
-# Speech has 5 to 25 letters a second; in milliseconds it seems to have a thousandth of that.
+# Speech has 5 to 25 letters a second; milliseconds read as seconds give a thousandth of that.
 _LEAST_LETTERS = 0.05
 
 
-# Programs, where they write words or segments, and where the values of these are if they lie deeper. The parts of a
-# path are keys; a number takes one item of a list, a key is looked up in each of its items.
+# Programs, the path to their words or segments, and the paths to values that are nested deeper. The parts of a path are
+# keys; a number takes one item of a list, a key is looked up in each of its items.
 _DIALECTS: tuple[tuple[str, str, dict[str, str]], ...] = (
     ("Whisper, OpenAI", "segments", {}),
     ("Gentle, AssemblyAI, ElevenLabs", "words", {}),
@@ -87,7 +87,7 @@ PROGRAMS = ", ".join(dict.fromkeys(["Montreal Forced Aligner", *(programs for pr
 
 @functools.lru_cache(1024)
 def _columns(names: Sequence[str]) -> dict[str, tuple[int, float | None]]:
-    """Return the places of the roles among names such as `startMs` or `start (ms)`, and their units in seconds."""
+    """Return the position of each role among names such as `startMs` or `start (ms)`, and its unit in seconds."""
     found = []
     for place, name in enumerate(names):
         parts = [part.lower() for part in _NAME_PART.findall(name)]
@@ -136,7 +136,7 @@ def _stretch(values: Sequence[Any], columns: Mapping[str, tuple[int, float | Non
 
 
 def _in_seconds(stretches: Sequence[Stretch]) -> list[Stretch]:
-    """Convert times that can only be milliseconds: whole numbers at which speech is far too slow."""
+    """Convert times that can only be milliseconds: whole numbers that as seconds would make speech far too slow."""
     seconds = letters = 0.0
     for text, start, end, _ in with_ends(stretches):
         if start is not None and end is not None:
@@ -149,7 +149,7 @@ def _in_seconds(stretches: Sequence[Stretch]) -> list[Stretch]:
 
 
 def is_table(text: str) -> bool:
-    """Return whether most lines have two times and a text, as Audacity's labels, or the first names such columns."""
+    """Return whether most lines have two times and a text, like Audacity's labels, or the first names such columns."""
     lines, separator = _table_lines(text)
     if not separator or len(lines[0]) > _MAX_ROW:
         return False
@@ -209,8 +209,8 @@ def parse_table(text: str, path: pathlib.Path) -> list[Tier]:
 
 
 def _columns_by_values(row: Sequence[str]) -> dict[str, tuple[int, float | None]] | None:
-    """Return the columns of a row of a table whose columns have no names, as of Audacity, ELAN and aeneas; None if it
-    has no two times before a text.
+    """Return the columns of a row of a table without column names, such as those of Audacity, ELAN and aeneas; None if
+    there are no two times before a text.
 
     ELAN writes the tier, perhaps the participant, and start, end and length, each of them in one or more units. Of
     three numbers that are not these, the first is that of the row.
@@ -231,7 +231,7 @@ def _columns_by_values(row: Sequence[str]) -> dict[str, tuple[int, float | None]
 
 
 def _table_lines(text: str) -> tuple[list[str], str]:
-    """Return the lines of a table and what separates its columns, empty if there is nothing."""
+    """Return the lines of a table and the separator of its columns, "" for an empty table."""
     lines = text.lstrip("\n").split("\n")
     if named := re.fullmatch(r"sep=(.)\r?", lines[0]):  # as Excel writes
         return ["", *lines[1:]], named[1]
@@ -252,7 +252,7 @@ def _rows(text: str, path: pathlib.Path) -> Iterator[tuple[int, list[str]]]:
     lines, separator = _table_lines(text.replace("\t", " ") if path.suffix.lower() == ".ctm" else text)
     if max(map(len, lines)) > _MAX_ROW:
         raise UserError(f"{shown(path)} has a line of more than {_MAX_ROW} characters; expected start, end and word")
-    # Tools that write tabs do not quote, and a transcript may have a single quotation mark.
+    # Programs that write tabs do not quote, and a transcript may have a single quotation mark.
     quoting = csv.QUOTE_NONE if separator == "\t" else csv.QUOTE_MINIMAL
     reader = csv.reader((f"{line}\n" for line in lines), delimiter=separator or ",", quoting=quoting, strict=True)
     try:
@@ -305,7 +305,7 @@ def _tiers(tiers: Any) -> Iterator[tuple[str, list[Any]]]:
 
 
 def _under(value: Any, path: str) -> list[Any]:
-    """Return what lies under a path; see `_DIALECTS`."""
+    """Return the values at a path; see `_DIALECTS`."""
     while path and value is not None:
         key, _, rest = path.partition(".")
         if isinstance(value, list) and not key.isdecimal():
@@ -355,7 +355,7 @@ def _read(
 
 
 def _read_parts(name: str, parts: list[Any], deeper: Mapping[str, str], whole: Stretch) -> list[Stretch]:
-    """Return the words of a segment, as `_read`."""
+    """Return the words of a segment, as `_read` does."""
     if name == "segs" and whole.start is not None:  # of YouTube, with times from the start of the segment
         start = whole.start
         words = _read(parts, deeper, 0.0, None if whole.end is None else whole.end - start)
@@ -373,7 +373,7 @@ def _read_parts(name: str, parts: list[Any], deeper: Mapping[str, str], whole: S
 
 
 def _text(value: object) -> str:
-    """Return a text of JSON; a number is a word, too, and half a pair of surrogates is no letter."""
+    """Return a JSON value as text; numbers are words too, and unpaired surrogates are dropped."""
     if not isinstance(value, str | int | float) or isinstance(value, bool):
         raise TypeError(f"a {type(value).__name__} instead of a text")
     return str(value).encode("utf-8", "replace").decode("utf-8")

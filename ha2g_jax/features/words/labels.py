@@ -1,4 +1,4 @@
-"""What is spoken of a text that a program wrote: without tags, sounds, and the labels of speakers."""
+"""Extraction of the spoken words from a text that a program wrote, without tags, sounds and labels of speakers."""
 
 import collections
 import html
@@ -17,7 +17,7 @@ _MAX_NAME_WORDS = 5
 _SPEAKER = re.compile(r"(?i:speaker|spk)[\w.]*")
 _NUMBERED = re.compile(r"(?i:[a-z]+_?[0-9]+)[\w.]*")
 _PARTICLE = re.compile(r"(?i:[-–/|&]|and|of|the|de|da|di|del|der|den|du|van|von|zu|la|le|el|al|bin|ibn|y|e)")
-# Words that begin a sentence or a heading before a colon, and are nobody's name.
+# Words that begin a sentence or a heading before a colon and are not names.
 _NO_NAME = re.compile(
     r"(?i:remember|note|notice|question|answer|warning|caution|example|listen|look|see|think|imagine|consider|first|"
     r"second|third|finally|lastly|next|then|now|today|tomorrow|yesterday|here|there|this|that|these|those|what|why|how|"
@@ -29,15 +29,15 @@ _NO_NAME = re.compile(
 _CLOSING = {"{": "}", "[": "]", "(": ")", "<": ">"}
 _MAX_INSIDE = 200  # letters
 _MAX_SIGNS = 10  # of another speaker, before a name
-# How surely the form of a label says that it is one.
+# How certain a label is by its form.
 _ALWAYS, _USUALLY, _PERHAPS, _RARELY = 3, 2, 1, 0
 
 
 def spoken(stretches: Sequence[Stretch], duration: float) -> list[Stretch]:
-    """Return what is spoken of stretches, in seconds, of a recording of a duration, a stretch per speaker.
+    """Return the spoken parts of the stretches of a recording, each by one speaker; times are in seconds.
 
-    Texts are in lines, with tags and labels as in subtitles; the speaker of a label is that of what follows it.
-    Repeated stretches, as of words that come again with their speakers, count once. Stretches without times are left
+    Texts are in lines, with tags and labels as in subtitles; a label names the speaker of what follows it. Repeated
+    stretches, such as words that are listed again with their speakers, count once. Stretches without times are left
     out.
     """
     timed = [one for one in with_ends(stretches, duration) if one.start is not None and one.end is not None]
@@ -84,13 +84,13 @@ def turns(text: str, labels: set[str]) -> list[tuple[str | None, str]]:
 def find_labels(texts: Sequence[list[str]]) -> set[str]:
     """Return the labels of speakers in the lines of texts.
 
-    A label stands before a colon at the start of a text or after `>>` or `-`. In brackets, such as `[X]:`, and with the
-    word speaker it always is one. A name in capitals, with a number, or of up to five words that all begin with
-    capitals, such as `JOHN:`, `P2:` and `Jordan Rivers:`, is one if the first text, two, or a fifth of the texts begin
-    so: alone it may be a title. One word, such as `Jordan:`, is a label if it begins two texts, or if half of the texts
-    begin so and one of them goes on with a capital or is one of the others, or if all of several do; in small letters,
-    if it begins two and half of the texts have labels. Words that introduce a sentence, such as `Remember:`,
-    never are.
+    A label stands before a colon at the start of a text or after `>>` or `-`. A name in brackets, such as `[X]:`, or
+    with the word speaker is always a label. A name in capitals, with a number, or of up to five words that all begin
+    with capitals, such as `JOHN:`, `P2:` and `Jordan Rivers:`, is a label if it begins the first text, two texts, or a
+    fifth of the texts: otherwise it may be a title. One word, such as `Jordan:`, is a label if it begins two texts, or
+    if half of the texts begin so and one of them goes on with a capital or is one of the others, or if all of several
+    do; in lower case, if it begins two and half of the texts have labels. Words that introduce a sentence, such as
+    `Remember:`, never are.
     """
     counts: collections.Counter[str] = collections.Counter()
     forms: dict[str, int] = {}
@@ -144,21 +144,21 @@ def _label(line: str) -> tuple[str, str, int] | None:
         (word.lstrip("#")[:1].isalnum() and not word[0].islower()) or _PARTICLE.fullmatch(word) for word in words
     ):
         return (name, rest, _RARELY) if len(words) == 1 and name.isidentifier() else None
-    # In a file of capitals they say nothing.
+    # In a file that is all in capitals they mean nothing.
     is_usual = not rest.isupper() if name.isupper() else len(words) > 1 and name.upper() != name.lower()
     return name, rest, _USUALLY if is_usual else _PERHAPS
 
 
 def to_lines(text: str) -> list[str]:
-    """Return the lines of a text without tags and what is not spoken, such as {\\\\an8}, [music] and notes."""
+    """Return the lines of a text without tags and unspoken parts, such as {\\\\an8}, [music] and notes."""
     text = html.unescape(without_brackets(text.replace("\\N", "\n").replace("\\h", " "), "<", ""))
     text = _NOTES.sub(" ", without_brackets(text, "{", ""))
     return without_brackets(text, "[(", " ", most_lines=2).replace(">>", "\n>>").replace(">\n>", ">>").split("\n")
 
 
 def without_brackets(text: str, openings: str, instead: str, most_lines: int = 1) -> str:
-    """Replace each bracket that begins with one of `openings`, some of `{[(<`, with at most 200 letters, on one line or
-    on more, where the name of a speaker, as in `[X]:`, stays.
+    """Replace brackets that open with one of `openings`, some of `{[(<`, and hold at most 200 letters on at most
+    `most_lines` lines; the name of a speaker, as in `[X]:`, stays.
 
     A regular expression would try 200 letters for each opening bracket, which takes minutes for a file full of them.
     """

@@ -17,12 +17,12 @@ _INLINE_TIME = re.compile(r"<((?:[0-9]{1,4}:)?[0-9]{1,2}:[0-9]{1,2}\.[0-9]{1,3})
 _TIME = r"(-?(?:[0-9]{1,4}:)?[0-9]{1,2}:[0-9]{1,2}(?:[.,][0-9]{1,9})?)"
 _TIMES = re.compile(rf"{_TIME}[ \t]*-->[ \t]*{_TIME}(?![0-9:.,])")
 _UNDERLINED = re.compile(r"<u>([^<\n]{0,200})</u>")
-_PAUSE = 0.5  # seconds after which a line is said again and not shown again
+_PAUSE = 0.5  # seconds after which a repeated line is spoken again, not only shown again
 _logger = logging.getLogger(__name__)
 
 
 def parse_subtitles(text: str, path: pathlib.Path) -> list[Tier]:
-    """Parse SubRip or WebVTT, of a file at `path`: a stretch per cue, or per word if it has times of words.
+    """Parse SubRip or WebVTT, of a file at `path`: a stretch per cue, or per word if words have times.
 
     A cue with unreadable times is left out, with a warning in the log.
 
@@ -67,8 +67,8 @@ def _timed_words(cues: Sequence[Stretch]) -> list[Stretch]:
     """Return the words of cues such as `so<00:00:00.320><c> today</c>`.
 
     YouTube shows every line twice, first while it is spoken and then, without times, above the next one, so the last
-    lines of a cue that has just ended are not read again. Only starts of words are written; a word before a pause does
-    not last until its end.
+    lines of a cue that has just ended are not read again. The files have only starts of words; a word before a pause
+    does not last until the end of the pause.
     """
     labels = find_labels([to_lines(cue.text) for cue in cues])
     stretches: list[Stretch] = []
@@ -99,4 +99,4 @@ def _spoken(raw: str, labels: set[str]) -> str:
 def _to_seconds(time: str) -> float:
     *hours, minutes, seconds = time.removeprefix("-").replace(",", ".").split(":")
     found = 3600 * int(hours[0] if hours else 0) + 60 * int(minutes) + float(seconds)
-    return -found if time.startswith("-") else found  # of a file whose times an editor has shifted
+    return -found if time.startswith("-") else found  # from a file whose times an editor has shifted

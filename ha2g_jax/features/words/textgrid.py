@@ -14,7 +14,7 @@ from ha2g_jax.files.reading import reason, shown
 
 _logger = logging.getLogger(__name__)
 
-# Praat reads texts in quotation marks, in which "" is a mark, and numbers that stand alone; the rest is for people.
+# Praat reads texts in quotation marks, in which "" is a quotation mark, and free-standing numbers; the rest is comment.
 _VALUE = re.compile(
     r'"(?P<text>[^"]*(?:""[^"]*)*)"|![^\n]*|(?<!\S)(?P<number>[-+]?[0-9][0-9.]*(?:[eE][-+]?[0-9]+)?)(?!\S)'
 )
@@ -134,7 +134,7 @@ def choose(
 
 
 def _report(found: str, which: str, recorded: str | None) -> None:
-    """Say in the log that words are of several people; for a recording that is part of a corpus, as an error."""
+    """Warn in the log that words are of several people; raise an error for a recording that is part of a corpus."""
     if recorded is None:
         _logger.warning("%s, %s; choose one by FILE#NAME", found, which)
         return

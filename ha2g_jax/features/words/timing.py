@@ -13,7 +13,7 @@ from ha2g_jax.files.reading import shown
 from ha2g_jax.limits import MAX_WORDS
 
 MAX_SECONDS = 360_000.0  # a hundred hours
-# Minimum time of a letter; nobody speaks faster.
+# Minimum time per letter; nobody speaks faster.
 _MIN_LETTER_SECONDS = 0.03
 _MIN_WORD_SECONDS = 1e-3
 _WORD_SECONDS, _LETTER_SECONDS = 0.3, 0.1
@@ -29,8 +29,8 @@ _MANY = 100  # marks on one letter
 
 
 class Stretch(NamedTuple):
-    """A text of one or more words, the time at which it is spoken in seconds, None if the file has no time, and who
-    speaks, empty if the file does not say.
+    """A text of one or more words, its start and end in seconds, None if the file does not state them, and its speaker,
+    "" if the file does not name one.
     """
 
     text: str
@@ -51,8 +51,8 @@ def spread(texts: Sequence[str], start: float, end: float) -> list[Word]:
 def with_ends(stretches: Sequence[Stretch], end: float | None = None) -> list[Stretch]:
     """Close stretches with one time: a missing end is the next start, a missing start is the end before or 0.
 
-    After the last start a stretch lasts as long as slow speech, 0.3 s a word and 0.1 s a letter, at most up to `end`;
-    if that is None, it stays open.
+    After the last start a stretch lasts as long as slow speech, 0.3 s per word and 0.1 s per letter, at most up to
+    `end`; if `end` is None, it stays open.
     """
     result: list[Stretch] = []
     following = None
@@ -87,7 +87,7 @@ def fill_gaps(
 
     Args:
         start, end: start and end of the whole text in seconds, None if unknown.
-        slack: seconds by which the neighbours' times may be wrong; infinite for words that surely were spoken.
+        slack: seconds by which the neighbours' times may be wrong; infinite for words that were certainly spoken.
 
     Returns:
         The stretches that have times, in order; the last may have a start alone.
@@ -193,7 +193,7 @@ def split_words(text: str) -> list[str]:
 
 
 def _with_few_marks(text: str) -> str:
-    """Cut runs of marks that belong to one letter; sorting a run takes time in the square of its length."""
+    """Cut long runs of marks that belong to one letter, because sorting a run takes quadratic time."""
     marks = "".join(character for character in set(text) if unicodedata.combining(character))
     return re.sub(f"([{marks}]{{{_MANY}}})[{marks}]+", r"\1", text) if marks else text
 
@@ -204,5 +204,5 @@ def _belongs(character: str) -> bool:
 
 
 def num_letters(word: str) -> int:
-    """Count the letters and digits of a word, by which time is divided among words; at least 1."""
+    """Count the letters and digits of a word, at least 1; time is divided among words in proportion to them."""
     return max(1, sum(character.isalnum() for character in word))

@@ -42,7 +42,7 @@ _BY_BEGINNING: dict[str, _Parse] = {
     r"(?:[0-9]+[ \t]*\n\s*)?(?:[0-9]+:)?[0-9]+:[0-9]+[,.][0-9]+[ \t]*-->": parse_subtitles,
     r'\{\s*"|\[\s*[\[{]\s*["0-9]': parse_json_words,
 }
-# How lines of other formats than these begin or end, such as [00:12.50] and Mary 0:03.
+# How lines of unsupported formats begin or end, such as [00:12.50] and Mary 0:03.
 _CLOCK = r"(?:[0-9]+:)?[0-9]+:[0-9]{2}(?:[.,][0-9]+)?"
 _CLOCK_LINE = re.compile(rf"(?m)^[\[(]?{_CLOCK}\b|\b{_CLOCK}[\])]?$")
 _MARKUP = re.compile(r"\s*(?:<[?!a-zA-Z]|\[Script Info\])")
@@ -60,8 +60,8 @@ def words_of(
 
     They are read from a transcript that `read_words` reads, aligned from a .txt file without times, or, if `path` is
     None, recognised by the Whisper model of the name or folder `recognise`. Subtitles count from the beginning of
-    `media`, the file of the recording, whose sound may start later. Of several speakers of a transcript the words are
-    those of `speaker`, who is recorded; without a name, of all.
+    `media`, the file of the recording, whose sound may start later. If a transcript has several speakers, the words are
+    those of `speaker`, who is recorded, or of all if no name is given.
 
     Raises:
         UserError: there is neither a transcript nor a model, one of them fails, or none of several speakers has the
@@ -96,9 +96,9 @@ def find(media: pathlib.Path, *, is_alone: bool = True) -> pathlib.Path | None:
 
     The first match wins: a file with the recording's stem; with the stem and a language, as in `talk.en.vtt`; with the
     stem cut at its last dot, and so on; the only file called `words.*`, if no other recording is in the folder. A file
-    with the stem of another recording, as interview.ann.srt beside interview.bob.mp4, is only that one's. The
-    order among files of one stem is .TextGrid, .json, .tsv, .csv, .ctm, .vtt, .srt, .txt. A .json or .csv of motion
-    that `ha2g export` wrote is none. Returns None without any.
+    with the stem of another recording, such as interview.ann.srt next to interview.bob.mp4, belongs only to that one.
+    The order among files of one stem is .TextGrid, .json, .tsv, .csv, .ctm, .vtt, .srt, .txt. A .json or .csv of motion
+    that `ha2g export` wrote is not a transcript. Returns None if there is no transcript.
 
     Args:
         media: path of the audio, video or motion file of the recording, which need not exist.
@@ -129,7 +129,7 @@ def find(media: pathlib.Path, *, is_alone: bool = True) -> pathlib.Path | None:
 
 
 def _is_motion(path: pathlib.Path) -> bool:
-    """Return whether a file begins as the motion that `ha2g export` writes, which is no transcript."""
+    """Return whether a file begins like the motion that `ha2g export` writes, which is not a transcript."""
     with contextlib.suppress(OSError), path.open("rb") as file:
         return _MOTION.match(file.read(64)) is not None
     return False
@@ -138,8 +138,8 @@ def _is_motion(path: pathlib.Path) -> bool:
 def read_words(path: pathlib.Path) -> tuple[Word, ...]:
     """Read a transcript with times: TextGrid, SRT, VTT, a table, or JSON of the programs in `entries.PROGRAMS`.
 
-    The format is known by the content. A path such as `talk.vtt#Mary` is that of the words of one speaker, or of one
-    tier of a TextGrid. If a file has times only for lines or segments, these are divided among their words by letters.
+    The content determines the format. A path such as `talk.vtt#Mary` selects the words of one speaker, or of one tier
+    of a TextGrid. If a file has times only for lines or segments, these are divided among their words by letters.
     The words are in lower case without punctuation, in order of time, not overlapping, 0 <= start < end in seconds.
 
     Raises:
