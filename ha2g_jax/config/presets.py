@@ -21,9 +21,9 @@ Changes = Mapping[str, Any]
 
 _SPEAKERS = {"model.identity.kind": "speakers"}  # of data without images
 
-# Kind of data -> skeleton, and changes of settings.
+# Kind of data -> skeleton, and changed settings.
 DATA: dict[str, tuple[str, Changes]] = {
-    # Windows start every 10 frames; with the jitter, training sees every start.
+    # Windows start every 10 frames; with the jitter, training sees every possible start.
     "talk": ("ted_expressive", {"data.path": "talk", "data.jitter": 9}),
     "ted_expressive": ("ted_expressive", _SPEAKERS),
     "ted_gesture": ("ted_gesture", _SPEAKERS),
@@ -31,7 +31,7 @@ DATA: dict[str, tuple[str, Changes]] = {
     "video": ("ted_expressive", {"data.jitter": 9}),
 }
 
-_SMALL = {  # two CPU cores train it in one to two hours
+_SMALL = {  # trains in one to two hours on two CPU cores
     "data.image_size": 32,
     "model.audio.resnet_se.blocks": (1, 1, 1, 1),
     "model.audio.resnet_se.channels": (16, 32, 64, 128),
@@ -52,7 +52,7 @@ _SMALL = {  # two CPU cores train it in one to two hours
 }
 SIZES: dict[str, Changes] = {
     "paper": {},
-    "medium": _SMALL  # that of the demo model; a step takes more than twice as long as a small one
+    "medium": _SMALL  # the size of the demo model; a step takes more than twice as long as at size "small"
     | {
         "model.audio.resnet_se.blocks": (2, 2, 2, 1),
         "model.audio.resnet_se.channels": (32, 64, 128, 192),
@@ -98,8 +98,8 @@ class MethodPreset(NamedTuple):
     Attributes:
         changes: changes at the size of its paper.
         on: key of `DATA` -> further changes.
-        at: key of `SIZES` -> further changes; in those of "study", trials on the validation split have chosen the rates
-            and weights, see docs/results/README.md.
+        at: key of `SIZES` -> further changes; the rates and weights in those of "study" were chosen by trials on the
+            validation split, see docs/results/README.md.
         method: name of the method, a key of `settings.OF_METHOD`; "" for the name of the preset.
     """
 
@@ -129,7 +129,7 @@ _SMALL_AUTOENCODER = {"train.steps": 4000}
 
 METHODS: dict[str, MethodPreset] = {
     "ha2g": MethodPreset({}, on=_ON_TALK, at={"study": _STUDY_HA2G}),
-    "energy_ha2g": MethodPreset(  # HA2G that samples, beside the paper
+    "energy_ha2g": MethodPreset(  # an HA2G that samples, not in the paper
         {"train.best_by": "loss/energy"},
         on={"talk": {"loss.energy_ha2g.weights.contrastive": 2.0}},
     ),
@@ -209,7 +209,7 @@ METHODS: dict[str, MethodPreset] = {
             "study": {**_FIFTH, "loss.trimodal.weights.style": 0.01},
         },
     ),
-    "autoencoder": MethodPreset(  # that of FGD; its networks have one size, so that distances can be compared
+    "autoencoder": MethodPreset(  # of FGD; its networks have one size, so that distances can be compared
         {
             "model.identity.kind": "none",
             "train.batch_size": 64,
@@ -262,7 +262,7 @@ def make(data: str, size: str = "", method: str = "ha2g", changes: Changes | Non
 
 
 def sized(skeleton: str, size: str) -> Config:
-    """Return the config of HA2G at a size, a key of `SIZES`, for data of no kind in particular."""
+    """Return the config of HA2G at a size, a key of `SIZES`, for no particular kind of data."""
     return change(paper(skeleton), SIZES[size])
 
 
@@ -316,25 +316,25 @@ GESTURE: dict[str, Changes] = {
 
 TABLES = {"table3": AUDIO_LEARNER, "table4": POSE_INFERER, "table11": SEED_FRAMES, "gesture_ablation": GESTURE}
 
-# The factorial study, see docs/results/factorial.md. What each control changes, so that the rest stays equal:
+# The factorial study, see docs/results/factorial.md. Each control changes one thing and leaves the rest equal:
 HOLISTIC, OTHER_TEXT, NO_COORDINATOR, ORACLE = "holistic", "text of another window", "no coordinator", "oracle"
 CONTROLS: dict[str, Changes] = {
     HOLISTIC: {"model.inferer.levels": (6,)},
     OTHER_TEXT: {"loss.ha2g.text": "other"},
     NO_COORDINATOR: {"model.inferer.coordinator": "none"},
 }
-# Size -> widths of the GRU of holistic, of no coordinator and of both, with which they have as many parameters.
+# Size -> widths of the GRU of holistic, of no coordinator and of both, which give as many parameters as the full model.
 _WIDTHS = {"medium": (324, 126, 322), "small": (168, 62, 166), "debug": (44, 6, 40)}
 _FACTORIAL_RECIPE = {
     "model.discriminator.layers": 1,
     "loss.ha2g.weights.style": 0.02,
     "loss.ha2g.weights.huber": 300.0,
     "loss.ha2g.huber_delta": 0.2,
-    "loss.ha2g.weights.contrastive": 20.0,  # with the next, it brings words to the hands
+    "loss.ha2g.weights.contrastive": 20.0,  # with the next setting, it lets the words affect the hands
     "loss.ha2g.weights.angle": 1000.0,
     "train.learning_rate": 2e-3,
     "train.schedule": "cosine",
-    "train.warmup_epochs": 10_000,  # the GAN term does not act
+    "train.warmup_epochs": 10_000,  # so that the GAN term is never used
 }
 _RECIPES: dict[str, Changes] = {
     "medium": _FACTORIAL_RECIPE
@@ -374,11 +374,11 @@ def factorial(size: str) -> dict[str, Changes]:
     return rows
 
 
-# Table 1 at equal size and with equal inputs, see docs/results/README.md: the baselines hear the spectrogram and see
-# the images of the speaker by the encoders of HA2G, and none reads words.
+# Table 1 at equal size and with equal inputs, see docs/results/README.md: the baselines read the spectrogram and the
+# images of the speaker through the encoders of HA2G, and none reads words.
 _SEES = {"model.identity.kind": "images", "model.identity.feature_dim": 18}
 _HEARS = {"model.audio.kind": "resnet_se", "model.text.kind": "none"}
-# Size -> width of a baseline with which as many parameters generate as in HA2G.
+# Size -> width of a baseline with which its generator has as many parameters as that of HA2G.
 _EQUAL_WIDTHS = {
     "medium": {"seq2seq": 262, "speech2gesture": 208, "joint_embedding": 279, "trimodal": 315},
     "small": {"seq2seq": 140, "speech2gesture": 110, "joint_embedding": 147, "trimodal": 162},
@@ -387,7 +387,7 @@ _EQUAL_WIDTHS = {
 
 
 def equal(method: str, size: str) -> Changes:
-    """Return the settings with which a baseline has the inputs and the size of HA2G.
+    """Return the settings that give a baseline the inputs and the size of HA2G.
 
     Raises:
         UserError: there is no such width at this size.
@@ -396,7 +396,7 @@ def equal(method: str, size: str) -> Changes:
         raise UserError(f"no baselines as large as HA2G at size {size}; expected one of {', '.join(_EQUAL_WIDTHS)}")
     width = _EQUAL_WIDTHS[size][method]
     own = {
-        # It has an encoder of the spectrogram of its own.
+        # It has its own encoder of the spectrogram.
         "speech2gesture": {"model.audio.spectrogram.channels": (width // 4, width // 2, width)},
         "joint_embedding": {**_HEARS, "model.context.hidden_dim": width},
     }

@@ -1,4 +1,4 @@
-"""Values that a setting may have: what is expected, in words, and whether a value is so."""
+"""Ranges of the values of settings: a description of the values, and a function that checks them."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -24,29 +24,29 @@ POSITIVE = Range("a number above 0", lambda value: _is_number(value) and 0 < val
 
 
 def whole(least: int, most: int = MAX_SETTING) -> Range:
-    """Return the whole numbers from `least` to `most`."""
+    """Return the range of whole numbers from `least` to `most`."""
     return Range(
         f"a whole number from {least} to {most}", lambda value: _is_number(value, int) and least <= value <= most
     )
 
 
 def number(least: float, most: float = MAX_SETTING) -> Range:
-    """Return the numbers from `least` to `most`."""
+    """Return the range of numbers from `least` to `most`."""
     return Range(f"a number from {least} to {most}", lambda value: _is_number(value) and least <= value <= most)
 
 
 def below(bound: float) -> Range:
-    """Return the numbers from 0 to below `bound`."""
+    """Return the range of numbers from 0 to below `bound`."""
     return Range(f"a number from 0 to below {bound:g}", lambda value: _is_number(value) and 0 <= value < bound)
 
 
 def one_of(*names: str) -> Range:
-    """Return some names, of which a setting has one."""
+    """Return the range of a setting that is one of some names."""
     return Range(f"one of {', '.join(names)}", lambda value: isinstance(value, str) and value in names)
 
 
 def some_of(*names: str) -> Range:
-    """Return some names, of which a setting has one or more, in any order."""
+    """Return the range of a setting that is one or more of some names, in any order."""
     one = one_of(*names)
     return Range(
         f"one or more of {', '.join(names)}",
@@ -55,7 +55,7 @@ def some_of(*names: str) -> Range:
 
 
 def several(item: Range, count: int | None = None, least: int = 0) -> Range:
-    """Return lists of `count` values, or of `least` to `MAX_LAYERS`, each in the range `item`."""
+    """Return the range of lists of `count` values, or of `least` to `MAX_LAYERS`, each in the range `item`."""
     expected = f"{count}" if count else f"{least} to {MAX_LAYERS}"
     low, high = (count, count) if count else (least, MAX_LAYERS)
     return Range(
@@ -65,7 +65,7 @@ def several(item: Range, count: int | None = None, least: int = 0) -> Range:
 
 
 def so_that(base: Range, expected: str, contains: Callable[[Any], bool]) -> Range:
-    """Return the values of `base` for which `contains` holds as well; `expected` describes them all."""
+    """Return the range of the values in `base` for which `contains` holds too; `expected` describes all of it."""
     return Range(expected, lambda value: base.contains(value) and contains(value))
 
 

@@ -29,11 +29,11 @@ from ha2g_jax.limits import (
 Config: TypeAlias = Any
 
 MIN_FPS, MAX_FPS = 15, 30  # frames per second that features and networks can be derived for
-MIN_FRAMES = 17  # of a window, likewise
+MIN_FRAMES = 17  # least number of frames in a window, for the same reason
 
 
 class Setting(NamedTuple):
-    """One row of the table: dotted name, default, values that are possible, and meaning."""
+    """One row of the table: dotted name, default, range of possible values, and meaning."""
 
     name: str
     default: Any
@@ -43,7 +43,7 @@ class Setting(NamedTuple):
 
 _FRACTION, _WEIGHT, _COUNT = number(0, 1), number(0), whole(0)
 _SIZE, _LAYERS = whole(1, MAX_CHANNELS), whole(1, MAX_LAYERS)
-_HIDDEN = whole(2, MAX_CHANNELS)  # half of it is a width too
+_HIDDEN = whole(2, MAX_CHANNELS)  # half of it is used as a width too
 _LEVELS = ("low", "mid", "high")
 _GAN = one_of("non_saturating", "minimax", "least_squares")
 # Squeeze and excitation divides channels by 8, the pixel shuffles before the heads by 4 and 16.
@@ -62,38 +62,40 @@ SETTINGS = (
     Setting("seed", 0, whole(0, MAX_SEED), "seed of all random choices"),
     Setting("skeleton", "", TEXT, "skeleton of the data, ted_expressive or ted_gesture"),
     Setting("data.path", "", TEXT, 'folder of records; "talk" builds the Talk corpus in the user\'s cache'),
-    Setting("data.num_frames", 34, whole(MIN_FRAMES, MAX_WINDOW_FRAMES), "frames of a window, N"),
-    Setting("data.num_seed_frames", 4, whole(1, MAX_WINDOW_FRAMES), "frames of the seed pose, M"),
-    Setting("data.num_reference_images", 4, whole(1, MAX_REFERENCE_IMAGES), "images of a speaker; M in the paper"),
+    Setting("data.num_frames", 34, whole(MIN_FRAMES, MAX_WINDOW_FRAMES), "number of frames in a window, N"),
+    Setting("data.num_seed_frames", 4, whole(1, MAX_WINDOW_FRAMES), "number of frames in the seed pose, M"),
+    Setting(
+        "data.num_reference_images", 4, whole(1, MAX_REFERENCE_IMAGES), "number of images of a speaker; M in the paper"
+    ),
     Setting("data.fps", 15, whole(MIN_FPS, MAX_FPS), "frames per second"),
     Setting("data.image_size", 224, whole(1, MAX_IMAGE_SIZE), "height and width of the images in pixels"),
     Setting("data.jitter", 0, _COUNT, "maximum random delay of the start of a training window, in frames"),
     Setting("data.mirror", 0.0, _FRACTION, "fraction of windows mirrored left to right, with another identity"),
-    Setting("data.vocal_tract", 0.0, below(1), "maximum relative change of the length of the vocal tract"),
+    Setting("data.vocal_tract", 0.0, below(1), "maximum relative change of the vocal tract length"),
     Setting("data.equalizer_db", 0.0, _WEIGHT, "maximum gain or attenuation of a frequency band, in dB"),
     Setting("data.reverb", 0.0, _FRACTION, "fraction of windows with the reverberation of a room"),
     Setting("data.gain_db", 0.0, _WEIGHT, "maximum attenuation of a window, in dB"),
     Setting("data.noise", 0.0, _FRACTION, "fraction of windows with noise in the speech"),
     Setting("data.noise_snr_db", (10.0, 40.0), _BOUNDS, "signal-to-noise ratio in dB"),
-    Setting("data.lookahead", 0.0, _FRACTION, "fraction of windows whose last speech is hidden, for streams"),
-    Setting("data.workers", 0, _COUNT, "processes that read and decode clips; 0 for threads of this process"),
-    Setting("data.cache_gib", 8.0, _WEIGHT, "GiB for the decoded clips of a split, for all workers of this host"),
+    Setting("data.lookahead", 0.0, _FRACTION, "fraction of windows whose end of speech is hidden, for streams"),
+    Setting("data.workers", 0, _COUNT, "processes that read and decode clips; 0 to use threads"),
+    Setting("data.cache_gib", 8.0, _WEIGHT, "GiB of decoded clips of a split to cache, in all workers of a host"),
     Setting("model.architecture", "paper", one_of("paper", "release"), "networks of the paper or of the public code"),
-    Setting("model.recompute", False, FLAG, "recompute activations of ResNets for the gradient, to save memory"),
+    Setting("model.recompute", False, FLAG, "recompute the activations of ResNets for the gradient to save memory"),
     Setting("model.audio.kind", "resnet_se", one_of("resnet_se", "whisper"), "encoder E_a, or that of HA2G-ASR (D5)"),
     Setting("model.audio.resnet_se.blocks", (3, 4, 6, 3), several(_LAYERS, 4), "blocks of each stage"),
     Setting("model.audio.resnet_se.channels", (32, 64, 128, 256), _STAGE_CHANNELS, "channels of each stage"),
     Setting("model.audio.resnet_se.stem_stride", (1, 1), _STEM_STRIDE, "stride along mel and time"),
     Setting("model.audio.weights", "", TEXT, "for whisper: a Hugging Face folder, such as openai/whisper-tiny.en"),
-    Setting("model.audio.whisper.num_mels", 80, _SIZE, "mel bands; other sizes than those of tiny are possible too"),
+    Setting("model.audio.whisper.num_mels", 80, _SIZE, "mel bands; sizes other than those of tiny are possible"),
     Setting("model.audio.whisper.d_model", 384, whole(4, MAX_CHANNELS), "channels, an even multiple of the heads"),
     Setting("model.audio.whisper.layers", 4, whole(1, MAX_WHISPER_LAYERS), "blocks"),
     Setting("model.audio.whisper.heads", 6, _SIZE, "heads of the attention"),
     Setting("model.audio.whisper.ffn_dim", 1536, _SIZE, "channels of the hidden layers"),
     Setting("model.audio.levels", _LEVELS, some_of(*_LEVELS), "levels that the style coordinator blends"),
-    Setting("model.audio.feature_dim", 32, _SIZE, "values of a feature of audio and text"),
+    Setting("model.audio.feature_dim", 32, _SIZE, "size of an audio or text feature"),
     Setting("model.text.kind", "tcn", one_of("tcn"), "encoder E_t"),
-    Setting("model.text.embedding_dim", 300, _SIZE, "values of a word vector"),
+    Setting("model.text.embedding_dim", 300, _SIZE, "size of a word vector"),
     Setting("model.text.vectors", "", TEXT, "word vectors to start from: fastText, GloVe or word2vec file"),
     Setting("model.text.channels", 300, _SIZE, "channels of the blocks"),
     Setting("model.text.layers", 4, whole(1, MAX_TEXT_LAYERS), "blocks"),
@@ -110,14 +112,14 @@ SETTINGS = (
         one_of("levels", "tied", "none"),
         "tied: one blend for all levels; none: the GRU reads f_id",
     ),
-    Setting("model.inferer.hidden_dim", 300, _HIDDEN, "values of a state of the GRU"),
+    Setting("model.inferer.hidden_dim", 300, _HIDDEN, "size of the state of the GRU"),
     Setting("model.inferer.layers", 4, _LAYERS, "layers of the GRU"),
-    Setting("model.inferer.dropout", 0.3, _FRACTION, "dropout rate between the layers"),
-    Setting("model.discriminator.hidden_dim", 64, _SIZE, "values of a state of the GRU"),
+    Setting("model.inferer.dropout", 0.3, _FRACTION, "dropout rate between the layers of the GRU"),
+    Setting("model.discriminator.hidden_dim", 64, _SIZE, "size of the state of the GRU"),
     Setting("model.discriminator.layers", 4, _LAYERS, "layers of the GRU (D17)"),
-    Setting("model.discriminator.dropout", 0.3, _FRACTION, "dropout rate between the layers"),
+    Setting("model.discriminator.dropout", 0.3, _FRACTION, "dropout rate between the layers of the GRU"),
     Setting("train.steps", 200_000, whole(1), "steps of the run"),
-    Setting("train.batch_size", 128, whole(1), "windows of a step, of all devices together"),
+    Setting("train.batch_size", 128, whole(1), "windows in a step, over all devices"),
     Setting("train.learning_rate", 1e-4, _WEIGHT, "learning rate of the generator"),
     Setting("train.discriminator_learning_rate", 1e-4, _WEIGHT, "learning rate of the discriminator"),
     Setting("train.betas", (0.5, 0.999), several(below(1), 2), "decay rates of the moments of Adam"),
@@ -125,7 +127,7 @@ SETTINGS = (
     Setting("train.clip_norm", 0.0, _WEIGHT, "largest norm of the gradient of a network; 0 for no limit"),
     Setting("train.ema", 0.0, below(1), "decay of the running average of the generator; 0 for no average"),
     Setting("train.dtype", "float32", one_of("float32", "bfloat16"), "type of activations; all else stays float32"),
-    Setting("train.accumulate", 1, whole(1), "parts of a batch, a divisor of it: the same update in less memory"),
+    Setting("train.accumulate", 1, whole(1), "parts of a batch, a divisor of its size: the same update in less memory"),
     Setting("train.init_from", "", TEXT, 'model to start from: "demo", a folder, or hf://OWNER/NAME@REVISION'),
     Setting("train.warmup_epochs", 10, _COUNT, "epochs before the GAN term is used (D9)"),
     Setting("train.log_every", 50, whole(1), "steps between lines of metrics"),
@@ -158,15 +160,15 @@ _TEMPERATURE = Setting("temperature", 0.07, POSITIVE, "tau of Eq. 2")
 _NEGATIVES = Setting("negatives", _LEVELS, some_of(*_LEVELS), "levels of the audio in the denominator of Eq. 2")
 _STYLE_CLIP = Setting("style_clip", 1000.0, POSITIVE, "epsilon of Eq. 7")
 
-# What a method has beside `SETTINGS` or in place of one of them; weights and settings of its losses.
+# Settings of a method that are added to `SETTINGS` or replace one of them; weights and settings of its losses.
 OF_METHOD: dict[str, tuple[Setting, ...]] = {
     "ha2g": (
-        Setting("model.text.kind", "tcn", one_of("tcn", "oracle"), "oracle: f_t is in the place of f_high, a control"),
+        Setting("model.text.kind", "tcn", one_of("tcn", "oracle"), "oracle: f_t replaces f_high, a control"),
         *_losses(
             "ha2g",
-            {  # those of the paper, but for D18 and D21
+            {  # those of the paper, except for D18 and D21
                 "gan": 1.0,
-                "huber": 200.0,  # of one level (D14)
+                "huber": 200.0,  # weight of one level (D14)
                 "physical": 0.01,  # D18
                 "angle": 0.0,  # D21
                 "style": 0.05,
@@ -195,19 +197,19 @@ OF_METHOD: dict[str, tuple[Setting, ...]] = {
     ),
     "seq2seq": (
         *(_IMAGES, _WORDS, _PAPER),
-        Setting("model.audio.kind", "none", one_of("none", "resnet_se"), "resnet_se: E_a in place of the words"),
+        Setting("model.audio.kind", "none", one_of("none", "resnet_se"), "resnet_se: E_a instead of the words"),
         *_losses("seq2seq", {"mse": 250.0, "continuity": 0.1, "variance": 25.0}),
     ),
     "speech2gesture": (
         *(_IMAGES, _PAPER),
         Setting("model.audio.kind", "spectrogram", one_of("spectrogram"), "log-mel spectrogram"),
         Setting("model.audio.spectrogram.channels", (64, 128, 256), several(_SIZE, least=1), "channels of each stage"),
-        Setting("model.legacy", False, FLAG, "as HA2G was compared with: swapped axes, second differences"),
+        Setting("model.legacy", False, FLAG, "as the authors of HA2G had it: swapped axes, second differences"),
         *_losses("speech2gesture", {"l1": 100.0, "gan": 10.0}, _GAN_KIND._replace(default="least_squares")),
     ),
     "joint_embedding": (
         *(_IMAGES, _SOUND, _WORDS, _PAPER),
-        Setting("model.context.hidden_dim", 256, _HIDDEN, "values of a state of the GRU that reads the speech"),
+        Setting("model.context.hidden_dim", 256, _HIDDEN, "size of the state of the GRU that reads the speech"),
         Setting("model.context.layers", 2, _LAYERS, "its layers"),
         *_losses("joint_embedding", {"l1": 1.0}),
     ),
@@ -226,7 +228,7 @@ OF_METHOD: dict[str, tuple[Setting, ...]] = {
     ),
 }
 
-TRAINING = ("loss", "train")  # parts that the config of a model has not
+TRAINING = ("loss", "train")  # parts that the config of a model does not have
 # Parts whose settings become the fields of one object, so that there can be no others.
 _CLOSED = ("model.audio.resnet_se", "model.audio.whisper", "model.identity.images", "model.discriminator")
 
@@ -300,7 +302,7 @@ def from_json(values: Any) -> Config:
 
 
 def check(config: Config, *, is_trained: bool = True) -> None:
-    """Check that every setting of a config is there and has a possible value.
+    """Check that no setting of a config is missing and that each has a possible value.
 
     Whether it fits the data and the machine is another question, see `ha2g_jax.train.fits`. The config of a model,
     which is not `is_trained`, has neither losses nor settings of training.
@@ -337,7 +339,7 @@ def _check(name: str, value: Any, range_: Range) -> None:
 
 
 def check_fps(fps: float, name: str) -> None:
-    """Check that features and networks can be derived for a frame rate, which the error calls by a name.
+    """Check that features and networks can be derived for a frame rate; the error message calls it `name`.
 
     Raises:
         UserError: the rate is not a whole number from 15 to 30.
