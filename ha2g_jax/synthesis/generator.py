@@ -1,4 +1,4 @@
-"""Motion from speech with a trained generator, whatever computes its windows; no accelerator library is needed here."""
+"""Motion from speech with a trained generator, with any runtime; this module needs neither JAX nor ONNX Runtime."""
 
 import abc
 import importlib.metadata
@@ -61,7 +61,7 @@ def read_speech(speech: Speech) -> Audio:
     """Read and check speech: a file with sound, sound with its rate, or (samples,) float mono samples at 16 kHz.
 
     Sound with its rate is (samples, rate), as soundfile.read, librosa.load and torchaudio.load return it; it is mixed
-    and resampled as that of a file. A result of this function is returned as it is.
+    and resampled like that of a file. A result of this function is returned as it is.
 
     Raises:
         UserError: the speech cannot be used, see `features.audio.read_audio`.
@@ -84,11 +84,11 @@ def read_seed_pose(source: SeedPose, skeleton: Skeleton, fps: float, count: int)
     Args:
         source: motion, or the path of its `.npz`, whose last frames are used; a pose (bones, 3); or poses
             (F, bones, 3) at `fps`, the last of which are used.
-        skeleton, fps: those of the model.
+        skeleton, fps: skeleton and frame rate of the model.
         count: number of frames of a seed pose, M; if the source is shorter, its first pose is repeated.
 
     Raises:
-        UserError: there is no such file, it has another skeleton, or a vector has no direction.
+        UserError: there is no such file, it has another skeleton, or a vector has length zero or is not finite.
     """
     name, rate = "array", fps
     if isinstance(source, str | pathlib.Path):
@@ -170,7 +170,7 @@ class Generator(abc.ABC, Generic[S]):
 
     @property
     def fps(self) -> int:
-        """Frames per second of the poses that the generator samples."""
+        """Frames per second of the generated poses."""
         return self.spec.fps
 
     @abc.abstractmethod
@@ -187,7 +187,7 @@ class Generator(abc.ABC, Generic[S]):
             audio: (samples,) float32 mono samples at 16 kHz.
             words: words of the audio, for a model that reads words.
             style: (style_dim,) style.
-            seed_pose: (M, bones, 3) unit vectors, that of the first window.
+            seed_pose: (M, bones, 3) unit vectors, the seed pose of the first window.
             seed: seed of the noise.
 
         Returns:
@@ -222,8 +222,8 @@ class Generator(abc.ABC, Generic[S]):
                 smoothing.
             controls: controls of the motion, see `motion.control`.
             cues: gestures that are made after the controls, at a time or on a word, see `motion.cues`.
-            words: words of the speech, in order of time, for a model that `reads_words` and for cues on words; HA2G of
-                the paper needs none.
+            words: words of the speech, in order of time, for a model that `reads_words` and for cues on words; the HA2G
+                of the paper needs none.
 
         Returns:
             Motion of exactly round(duration x fps) frames, at least 1.
@@ -253,7 +253,7 @@ class Generator(abc.ABC, Generic[S]):
         frames = num_frames(audio.duration, fps)
         plain = directions[:frames] if fps == self.fps else resample(directions, self.fps, fps, frames)
         directions = control.change(skeleton, smooth(plain, fps, smoothing), fps, controls)
-        if given is not None and directions is not plain:  # what was given has been changed already
+        if given is not None and directions is not plain:  # the given pose has been changed already
             places = np.arange(max(1, round(overlap * fps / self.fps))) * (self.fps / fps)
             directions = start_from(directions, sample(given, places))
         directions = control.hold(skeleton, directions, fps, controls)
@@ -283,7 +283,7 @@ class Generator(abc.ABC, Generic[S]):
         controls: control.Controls = control.NEUTRAL,
         cues: Sequence[gestures.Cue | str] = (),
     ) -> None:
-        """Check the arguments of `generate` before there is speech.
+        """Check the arguments of `generate`, except speech and words, before the speech is known.
 
         Raises:
             UserError: an argument cannot be used with speech of any length.
@@ -309,8 +309,8 @@ def join(
 ) -> np.ndarray:
     """Return the joined frames (T, bones, 3) of the windows that cover checked speech; they may be longer than it.
 
-    The arguments are those of `Generator.sample_windows`; `start` is the seed pose, by default that of the model
-    which the seed selects.
+    The arguments are those of `Generator.sample_windows`; `start` is the seed pose, by default one of the model's that
+    the seed selects.
 
     Raises:
         UserError: the values of the model are not finite.

@@ -79,9 +79,9 @@ class Model(Generator[Spec]):
         """Begin a motion that follows speech while it arrives; the generator is compiled before this returns.
 
         Args:
-            look_ahead: frames of speech that are heard beyond the last new frame, 0 to N. More of them give gestures
-                that fit the speech better, and later.
-            hop: frames that are generated in one run, 1 to N - 2 M. A greater hop needs less computation.
+            look_ahead: frames of speech that are heard beyond the last new frame, 0 to N. With more of them gestures
+                fit the speech better, but come later.
+            hop: frames that are generated in one run, 1 to N - 2 M. A larger hop needs less computation.
             style: requested style; by default a random one with `seed`, see `style.choose_style`.
             seed: seed of all random choices.
             controls: energy, extent, handedness and mirror.

@@ -35,7 +35,7 @@ from ha2g_jax.synthesis.style import RANDOM, Style, choose_style
 if TYPE_CHECKING:
     import onnxruntime
 
-_MOST_THREADS = 4  # of the encoder; with more of them it is faster than the sampler, which has one
+_MOST_THREADS = 4  # threads of the encoder; with more it would be faster than the sampler, which has one thread
 
 NUM_SEEDS = 100
 
@@ -50,7 +50,7 @@ class OnnxModel(Generator[Description]):
         spec: sizes of the model.
         assets: skeleton, styles of the training speakers, and calm seed poses.
         encoder: network from "mel" to the audio features.
-        sampler: network from the audio features, "style", "seed_pose" and "noise", if there is any, to "poses".
+        sampler: network from the audio features, "style", "seed_pose" and, if the model has noise, "noise" to "poses".
         path: name of the file, for messages.
     """
 
@@ -66,7 +66,7 @@ class OnnxModel(Generator[Description]):
 
     @property
     def reads_words(self) -> bool:
-        """Whether the words of the speech change the motion: those of HA2G do not."""
+        """Whether the words of the speech change the motion; HA2G does not read them."""
         return False
 
     def choose_style(self, style: Style, seed: int) -> tuple[np.ndarray, dict[str, Any]]:
@@ -77,7 +77,7 @@ class OnnxModel(Generator[Description]):
     ) -> np.ndarray:
         """Sample the poses of all windows of speech, see `Generator.sample_windows`.
 
-        The speech of later windows is encoded in a thread of its own while a window is sampled.
+        The speech of later windows is encoded in a separate thread while a window is sampled.
         """
         del words
         spec, overlap, stride = self.spec, self.spec.num_seed_frames, self.spec.window_stride
@@ -130,7 +130,7 @@ def load_onnx(path: str | pathlib.Path) -> OnnxModel:
             options = onnxruntime.SessionOptions()
             options.log_severity_level = 4  # an exception says the same
             options.intra_op_num_threads = threads
-            options.enable_mem_pattern = False  # which takes up to twice the memory
+            options.enable_mem_pattern = False  # it takes up to twice the memory
             # Threads that wait for work do not take a core from the other part, or from other programs.
             options.add_session_config_entry("session.intra_op.allow_spinning", "0")
             # Weights of int8 become float32 once and not in each window.
@@ -141,7 +141,7 @@ def load_onnx(path: str | pathlib.Path) -> OnnxModel:
 
 
 def exported(checkpoint: str | pathlib.Path) -> pathlib.Path:
-    """Return the ONNX file of a model in the cache folder, which is written if it is not there.
+    """Return the ONNX file of a model in the cache folder, and write it if it does not exist.
 
     Args:
         checkpoint: "demo", a model folder, or a model on the Hub.
@@ -162,8 +162,8 @@ def exported(checkpoint: str | pathlib.Path) -> pathlib.Path:
     name = found.get("hash") if isinstance(found, dict) else None
     if not (isinstance(name, str) and name.isalnum() and name.isascii() and len(name) <= 64):
         raise UserError(f"{shown(assets)} has no hash of the weights; export or download the model again")
-    # The file also has the assets and the config, and the graph is as the exporter writes it: all may change while the
-    # weights stay.
+    # The file also depends on the assets, the config and the version of the exporter, which may change while the
+    # weights do not.
     sources = importlib.resources.files("ha2g_jax") / "checkpoint" / "onnx"
     exporter = [sources / f"{part}.py" for part in ("export", "networks", "reading")]
     digest = hashlib.sha256(b"".join(path.read_bytes() for path in (assets, config, *exporter))).hexdigest()[:16]
@@ -207,7 +207,7 @@ def write_page_description(path: str | pathlib.Path) -> pathlib.Path:
 
 
 def page_description(path: str | pathlib.Path, seeds: int = NUM_SEEDS) -> dict[str, Any]:
-    """Return what a web page needs beside an ONNX file, the contents of its model.json.
+    """Return what a web page needs in addition to an ONNX file, the contents of its model.json.
 
     They are the values of the file's metadata by name (docs/onnx.md); "takes" of some seeds from 0 on, see `takes`; and
     "limbs" and "cues", see `describe_catalogue`.
@@ -223,11 +223,11 @@ def page_description(path: str | pathlib.Path, seeds: int = NUM_SEEDS) -> dict[s
 
 
 def takes(description: Description, seeds: int = NUM_SEEDS) -> list[dict[str, Any]]:
-    """Return the random choices of `Generator.generate` for each seed from 0 on, where there is no NumPy.
+    """Return the random choices of `Generator.generate` for each seed from 0 on, for a runtime without NumPy.
 
     Returns:
-        For each seed "style", the values of the style without a request; "variation", what is added to the style of a
-        speaker or a mixture with a variation of 1; and "seed_pose", the number of the seed pose.
+        For each seed "style", the values of the random style; "variation", the values added to the style of a speaker
+        or a mixture with a variation of 1; and "seed_pose", the index of the seed pose.
     """
     zero = np.zeros(description.style_dim, np.float32)
     no_style = dataclasses.replace(description.assets, speakers={"": zero})

@@ -1,4 +1,4 @@
-"""The generator of a stream: windows that go on from each other every few frames, in a style that may change."""
+"""The generator of a stream: windows every few frames, each continuing the one before, in a style that may change."""
 
 import numpy as np
 
@@ -11,24 +11,24 @@ from ha2g_jax.motion.rotations import unit
 from ha2g_jax.synthesis.scan import generate_window, noise_of
 from ha2g_jax.synthesis.style import Style, choose_style
 
-_REST_WINDOWS = 3  # of silence until a model is at rest
+_REST_WINDOWS = 3  # windows of silence until a model is at rest
 
 # Share of the mean pose in the seed pose of a model that samples. A window exaggerates its seed pose a little, and in a
-# stream the next one goes on from it two frames later: without this share the hands drift apart. With more of it they
-# spread less; it was chosen on the validation split of Talk. With a hop of 1 it would make them shake. Near rest the
-# share vanishes with the cube of the distance: one that falls only as the distance keeps the hands from coming to rest
-# in noise.
+# stream the next window continues from it two frames later: without this share the hands drift apart. With a larger
+# share they spread less; it was chosen on the validation split of Talk. With a hop of 1 it would make them shake. Near
+# rest the share vanishes with the cube of the distance from rest: if it were proportional to the distance, the hands
+# would not come to rest in noise.
 _MEAN_SHARE = 0.6
 
 
 class RunningGenerator:
     """Generator of the windows of a stream, each `hop` frames after the one before.
 
-    A new style takes effect within half a second, and so does the pose in which the model rests with it.
+    A new style, and the pose in which the model rests with it, take effect within half a second.
 
     Attributes:
-        start_pose: (M, bones, 3) poses that the stream begins from.
-        rest: (bones, 3) pose at rest in the present window.
+        start_pose: (M, bones, 3) poses that the stream starts from.
+        rest: (bones, 3) rest pose in the current window.
 
     Raises:
         UserError: the style cannot be used, see `choose_style`, or the values of the model are not finite.
@@ -53,13 +53,13 @@ class RunningGenerator:
         self._rest_pose = self._find_rest()
 
     def advance(self) -> None:
-        """Go on to the next window, with the style and the pose at rest that it has."""
+        """Go on to the next window, and update the style and the rest pose."""
         self._present = np.asarray(self._style_ramp.step(self._f_id, self._hop), np.float32)
         rest = self._rest_ramp.step(self._rest_pose.ravel(), self._hop)
         self.rest = unit(rest.reshape(self._rest_pose.shape))
 
     def window(self, mel: np.ndarray, poses: np.ndarray, first: int) -> np.ndarray:
-        """Return the poses (N, bones, 3) of the present window, whose first frame has the number `first`.
+        """Return the poses (N, bones, 3) of the current window, whose first frame has the number `first`.
 
         Args:
             mel: (128, columns) spectrogram of the window.
@@ -73,7 +73,7 @@ class RunningGenerator:
         return self._generate(mel, self._present, poses, first)
 
     def _find_rest(self) -> np.ndarray:
-        """Return the pose (bones, 3) in which the model rests with the requested style: where silence leads it."""
+        """Return the pose (bones, 3) in which the model comes to rest in silence with the requested style."""
         num_frames, num_seed_frames = self._spec.num_frames, self._spec.num_seed_frames
         silence = np.full((NUM_MELS, window_columns(num_frames, self._spec.fps)), FLOOR_DB, np.float32)
         window = self.start_pose

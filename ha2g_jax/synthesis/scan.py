@@ -1,10 +1,9 @@
 """The compiled part of generation: the speech of each window is encoded, and a scan over the windows samples poses.
 
-Time is cut into windows of N frames, each of which starts `Spec.window_stride` frames after the one before
-and has its M frames from there on as its seed pose. Both parts take a chunk of a fixed number of windows at a time, so
-that two programs serve speech of any length. A thread of its own encodes the next chunks while one is sampled, because
-neither part keeps all cores at work: XLA computes convolutions with few channels, and products with a single row, on
-one core.
+Time is cut into windows of N frames, each of which starts `Spec.window_stride` frames after the one before; the M
+frames of that window from there on are its seed pose. Both parts process chunks of a fixed number of windows, so that
+two programs serve speech of any length. A separate thread encodes the next chunks while one is sampled, because neither
+part keeps all cores busy: XLA computes convolutions with few channels, and products with a single row, on one core.
 """
 
 import concurrent.futures
@@ -24,7 +23,7 @@ from ha2g_jax.methods import generating_method_of
 from ha2g_jax.methods.method import Batch, Spec, Variables, restore, subtract_mean
 from ha2g_jax.progress import progress_bar
 
-# Windows of a chunk. The last chunk is padded with silence, so that larger numbers cost time for short speech; for long
+# Windows in a chunk. The last chunk is padded with silence, so that larger numbers cost time for short speech; for long
 # speech they gain nothing on CPUs.
 _CHUNK = 4
 
@@ -42,7 +41,7 @@ def encode_windows(spec: Spec, variables: Variables, speech: Speech, vocabulary:
 def encode_chunks(
     spec: Spec, variables: Variables, speech: Speech, vocabulary: Vocabulary, count: int
 ) -> Generator[Any, None, None]:
-    """Encode the speech of windows as `encode_windows` does, a chunk at a time.
+    """Encode the speech of windows as `encode_windows` does, one chunk at a time.
 
     Yields:
         Features of each chunk in order, with a leading axis of its windows, the last of which may be beyond `count`.
@@ -75,14 +74,14 @@ def sample_windows(
     seed: int,
     count: int,
 ) -> np.ndarray:
-    """Sample the poses (K, N, bones, 3) of K = `count` windows, unit vectors, each from poses of the one before.
+    """Sample the poses (K, N, bones, 3) of K = `count` windows, unit vectors, each starting from poses of the previous.
 
-    Their features are the chunks of `encode_chunks`, which is closed at the end. All have the style (style_dim,), and
-    `seed_pose` (M, bones, 3) is that of the first. A frame has the same noise in a clip of any length.
+    `chunks` are those of `encode_chunks`; the generator is closed at the end. All windows have the style (style_dim,),
+    and `seed_pose` (M, bones, 3) is that of the first. A frame has the same noise in a clip of any length.
     """
     style, pose = np.asarray(style, np.float32), np.asarray(seed_pose, np.float32)
     parts = []
-    with contextlib.closing(chunks):  # Ctrl-C does not wait for the chunks that are left
+    with contextlib.closing(chunks):  # Ctrl-C does not wait for the remaining chunks
         for first, features in zip(itertools.count(step=_CHUNK), chunks):
             noise = noise_of(spec, seed, (first + np.arange(_CHUNK)) * spec.window_stride)
             pose, poses = _sample(spec, variables, features, style, pose, noise)
@@ -111,8 +110,8 @@ def _sample(
 ) -> tuple[jax.Array, jax.Array]:
     """Sample K consecutive windows of a clip, whose features and noise have a leading axis (K, ...).
 
-    `seed_pose` (M, bones, 3) is that of the first. Return that of the next, and the poses of the windows
-    (K, N, bones, 3).
+    `seed_pose` (M, bones, 3) is that of the first window. Return the seed pose of the window after the last, and the
+    poses of the windows (K, N, bones, 3).
     """
 
     def window(seed_pose: jax.Array, inputs: Any) -> tuple[jax.Array, jax.Array]:

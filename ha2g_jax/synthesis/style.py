@@ -1,4 +1,4 @@
-"""Styles to generate motion in: that of a speaker, of a mixture of speakers, of images, or a random one."""
+"""Styles for generation: that of a speaker, of a mixture of speakers, of images, or a random one."""
 
 import math
 import operator
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ha2g_jax.methods.method import Spec, Variables
 
 
-VARIATION = 0.3  # standard deviation of the difference of a take from the style of a speaker
+VARIATION = 0.3  # standard deviation of the difference between a take and the style of its speaker
 
 ImagePaths = str | pathlib.Path | Sequence[str | pathlib.Path]
 
@@ -29,8 +29,8 @@ _MOST_VARIATION = 2.0
 class Style(NamedTuple):
     """A requested style, by at most one of the first five fields; without any, it is random, see `choose_style`.
 
-    People do not speak twice in the same manner: the style of a speaker, a mixture or images is varied with the seed of
-    the motion, so that another seed is another take.
+    People do not speak in the same manner twice: the style of a speaker, a mixture or images is varied with the seed of
+    the motion, so that another seed gives another take.
 
     Attributes:
         speaker: name of a speaker of the training data.
@@ -38,8 +38,8 @@ class Style(NamedTuple):
         images: path of one or more images of a person, of the kind that the model was trained with.
         seed: seed of a random style; by default the seed of the motion.
         values: (style_dim,) the values f_id themselves.
-        variation: standard deviation of what is added to each value of the style of a speaker, a mixture or images, 0
-            to 2; 0 for their exact style.
+        variation: standard deviation, from 0 to 2, of the noise added to each value of the style of a speaker, a
+            mixture or images; 0 for their exact style.
     """
 
     speaker: str | None = None
@@ -51,7 +51,7 @@ class Style(NamedTuple):
 
     @property
     def has_source(self) -> bool:
-        """Whether anything but the seed of the motion decides."""
+        """Whether anything but the seed of the motion determines the style."""
         return any(part is not None for part in self[:5])
 
 
@@ -74,7 +74,7 @@ def check_seed(seed: int) -> int:
 
 
 def later_seed(seed: int, count: int) -> int:
-    """Return the seed that comes after another by a number; after `MAX_SEED` comes 0.
+    """Return the seed that comes `count` after another; after `MAX_SEED` comes 0.
 
     Raises:
         UserError: as `check_seed`.
@@ -87,13 +87,13 @@ def choose_style(
 ) -> tuple[np.ndarray, dict[str, Any]]:
     """Return the values f_id of a requested style, and a description for the metadata of the motion.
 
-    A random style is drawn from the normal distribution that fits the styles of the model's speakers. The prior N(0, I)
-    of the paper is much wider than these styles after training, and motion in a style far from all of them trembles, so
-    that a density is fitted afterwards (Ghosh et al. 2020). The style of a single speaker is varied instead, and
-    a model without speakers has the prior alone.
+    A random style is drawn from a normal distribution that is fitted after training to the styles of the model's
+    speakers (Ghosh et al. 2020). The prior N(0, I) of the paper is much wider than these styles, and motion in a style
+    far from all of them trembles. If the model has a single speaker, the style of that one is varied instead; without
+    speakers the prior is used.
 
     Args:
-        spec, variables: generator; one that is an ONNX file has no variables here, and reads no images.
+        spec, variables: generator; that of an ONNX file has no variables here, and reads no images.
         assets: assets of the model, with the styles of the speakers.
         style: requested style.
         seed: seed of the variation, and of a random style if `style` has none.
@@ -211,7 +211,7 @@ def _speaker(assets: Assets, name: str) -> np.ndarray:
 
 
 def _names(assets: Assets) -> str:
-    """Return the names of the speakers for a message of one line, however many there are and whatever their letters."""
+    """Return the names of the speakers, shortened and escaped for a message of one line."""
     names = list(assets.speakers)
     listed = ", ".join(names[:_NAMES_SHOWN]) + (
         f" and {len(names) - _NAMES_SHOWN} more" if names[_NAMES_SHOWN:] else ""
@@ -223,7 +223,7 @@ def _names(assets: Assets) -> str:
 def _encode_images(
     spec: "Spec | Description", variables: "Variables", assets: Assets, paths: Sequence[str | pathlib.Path]
 ) -> np.ndarray:
-    """Return the style (style_dim,) of images of any size, each cropped to a square about its centre."""
+    """Return the style (style_dim,) of images of any size, each cropped to a square around its centre."""
     if isinstance(spec, Description) or spec.identity != "images":
         names = _names(assets)
         known = f"knows speakers by name, not by images; expected one of: {names}" if names else "has no speakers"
