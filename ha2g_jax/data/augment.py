@@ -1,4 +1,4 @@
-"""Data augmentation of a training window (see `Windows`): pure functions whose randomness comes from a generator."""
+"""Data augmentation of training windows (see `Windows`): pure functions that take a random number generator."""
 
 import functools
 from typing import Any, NamedTuple
@@ -20,9 +20,9 @@ from ha2g_jax.features.text import PADDING
 from ha2g_jax.skeleton import Skeleton, mirror_directions
 
 _NOISE_SECONDS = 16
-_BANDS = mel_frequencies(NUM_MELS + 2)[1:-1]  # Hz, middles of the bands of a spectrogram
+_BANDS = mel_frequencies(NUM_MELS + 2)[1:-1]  # Hz, centres of the bands of a spectrogram
 _HIGHEST_FORMANT = 4800.0  # Hz
-_EQUALIZER_POINTS = 6  # of a random frequency response, evenly spaced in mel
+_EQUALIZER_POINTS = 6  # points of a random frequency response, evenly spaced in mel
 _REVERBERATION_SECONDS = (0.2, 0.9)  # time in which the sound of a room falls by 60 dB
 _DIRECT_DB = (0.0, 15.0)  # power of the direct sound over that of its reverberation
 
@@ -53,7 +53,7 @@ def augment(
     start_frame: int,
     fps: float,
 ) -> dict[str, Any]:
-    """Apply all random changes but the jitter, which is applied when the window is cut.
+    """Apply all random changes except the jitter, which is applied when the window is cut.
 
     The end of the speech is hidden last, so that no other change reaches it, and drawn last, so that the other changes
     do not depend on it. The example, see `Windows`, is not changed. `start_frame` is the first frame of the window in
@@ -83,7 +83,7 @@ def augment(
 
 
 def mirror_example(example: dict[str, Any], skeleton: Skeleton, num_speakers: int) -> dict[str, Any]:
-    """Mirror an example: the same words, spoken by another speaker, with left and right exchanged.
+    """Mirror an example: the same words by another speaker, with left and right exchanged.
 
     Joint angles become those of the other side. Angles with a palm normal, a cross product whose sign a reflection
     reverses, become pi minus those of the other side. The mirror image of speaker i of the training split is speaker
@@ -99,7 +99,7 @@ def mirror_example(example: dict[str, Any], skeleton: Skeleton, num_speakers: in
 
 
 def warp_formants(mel: np.ndarray, factor: float) -> np.ndarray:
-    """Move the formants of a spectrogram (128, columns) in dB, as a vocal tract of another length does.
+    """Move the formants of a spectrogram (128, columns) in dB, as with a vocal tract of another length.
 
     VTLP (Jaitly and Hinton 2013): frequencies f become `factor` f up to about 4.8 kHz, `factor` above 1 for a shorter
     vocal tract; those above are moved linearly, so that the highest one stays. Harmonics of the voice move with the
@@ -114,10 +114,10 @@ def warp_formants(mel: np.ndarray, factor: float) -> np.ndarray:
 
 
 def equalize(mel: np.ndarray, most_db: float, rng: np.random.Generator) -> np.ndarray:
-    """Change the frequency response of a spectrogram (128, columns) in dB, as another microphone does.
+    """Change the frequency response of a spectrogram (128, columns) in dB, as with another microphone.
 
     The response is interpolated between random values of at most `most_db` dB at six points, evenly spaced in mel. Its
-    maximum is 0 dB, because the maximum of the clip is 0 dB at most (D11).
+    maximum is 0 dB, because the maximum of a clip is at most 0 dB (D11).
     """
     points = rng.uniform(-most_db, most_db, _EQUALIZER_POINTS)
     response = np.interp(np.linspace(0, _EQUALIZER_POINTS - 1, len(mel)), np.arange(_EQUALIZER_POINTS), points)
@@ -138,12 +138,12 @@ def reverberate(mel: np.ndarray, seconds: float, direct_db: float) -> np.ndarray
 
 
 def make_quieter(mel: np.ndarray, gain_db: float) -> np.ndarray:
-    """Make the sound of a spectrogram quieter, but never louder, as the maximum of the clip is 0 dB at most (D11)."""
+    """Make the sound of a spectrogram quieter, never louder, because the maximum of a clip is at most 0 dB (D11)."""
     return np.maximum(mel - np.float32(gain_db), np.float32(FLOOR_DB))
 
 
 def add_noise(mel: np.ndarray, noise_power: float, rng: np.random.Generator) -> np.ndarray:
-    """Add white noise of a mean power (see `sound_power`) to a spectrogram (128, columns) in dB, to its pauses too.
+    """Add white noise of a mean power (see `sound_power`) to a spectrogram (128, columns) in dB, including its pauses.
 
     Powers are added, log10(10^(mel / 10) + 10^(noise / 10)). This is the spectrogram of the sum of both sounds except
     for the cross term of each bin, whose mean is 0.
@@ -155,9 +155,7 @@ def add_noise(mel: np.ndarray, noise_power: float, rng: np.random.Generator) -> 
 
 
 def hide_end(example: dict[str, Any], start_frame: int, heard: int, fps: float) -> dict[str, Any]:
-    """Hide the speech of an example, its mel and its words, from frame `heard` of the window on, as if the window had
-    been cut while someone speaks.
-    """
+    """Hide the speech of an example, its mel and its words, from frame `heard` of the window on, as in a stream."""
     hidden = {"mel": hide_unheard(example["mel"], start_frame, heard, fps)}
     if "words" in example:
         is_heard = np.arange(len(example["words"])) < heard

@@ -1,4 +1,4 @@
-"""Batches of training windows: batch n is a function of the seed and of n alone, so that a checkpoint stores only n."""
+"""Batches of training windows: batch n depends only on the seed and on n, so that a checkpoint stores only n."""
 
 import functools
 import pathlib
@@ -18,7 +18,7 @@ from ha2g_jax.data.processes import end_with_parent
 from ha2g_jax.data.windows import Windows
 from ha2g_jax.errors import UserError
 
-# Decoding releases the interpreter's lock, so threads decode in parallel; cutting clips in memory does not gain.
+# Decoding releases Python's global lock, so threads decode in parallel; cutting clips in memory does not get faster.
 _THREADS = grain.ReadOptions(num_threads=4, prefetch_buffer_size=4)
 # A worker's buffer is the queue to its parent, so that it ends as soon as its current batch is done.
 _ONE_BY_ONE = grain.ReadOptions(num_threads=0, prefetch_buffer_size=0)
@@ -39,10 +39,10 @@ def batches(
     num_hosts: int = 1,
     workers: int = 0,
 ) -> grain.DatasetIterator:
-    """Return an endless iterator over batches, with another order in each epoch; `close()` ends its workers.
+    """Return an endless iterator over batches, in a new order in each epoch; `close()` ends its workers.
 
     Args:
-        batch_size: number B of windows in a batch, of all hosts together.
+        batch_size: number B of windows in a batch, over all hosts.
         first: number of the first batch, from 0.
         host: index of this host, which gets rows [host x B / num_hosts, (host + 1) x B / num_hosts) of each batch.
         workers: number of processes that read and decode, 0 for threads of this process; `windows.cache_bytes` is
@@ -90,7 +90,7 @@ def check_batch(batch_size: int, windows: Windows) -> None:
 
 
 def batch_names(windows: Windows, batch_size: int, seed: int, number: int) -> list[str]:
-    """Return the name of the window (see `Windows.name`) in each row of a batch; jitter may start a window later."""
+    """Return the name of the window (see `Windows.name`) in each row of a batch; jitter may delay its start."""
     order = _order(windows, seed)
     rows = np.array([order[row] for row in range(number * batch_size, (number + 1) * batch_size)])
     return [windows.name(row) for row in rows.tolist()]
@@ -117,23 +117,23 @@ def _draw(windows: Windows, augmentation: Augmentation, index: int, rng: np.rand
 def _stack(examples: Sequence[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
     """Stack examples into a batch of arrays in row-major order.
 
-    Other arrays would pass from a worker through a pipe and not through shared memory, and a worker that is closed
-    while its pipe is full ends only when it is killed, after 25 s.
+    Arrays in another order would be sent by a worker through a pipe and not through shared memory, and a worker that is
+    closed while its pipe is full ends only when it is killed, after 25 s.
     """
     return {name: np.ascontiguousarray(np.stack([example[name] for example in examples])) for name in examples[0]}
 
 
 def _own(batch: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Copy a batch out of the memory shared with the workers, which JAX on a CPU would keep until the process ends."""
+    """Copy a batch out of the memory shared with the workers, which JAX would keep on a CPU until the process ends."""
     return {name: np.array(array) for name, array in batch.items()}
 
 
 def _check_shared_memory(windows: Windows, batch_size: int, workers: int) -> None:
-    """Check the free shared memory, without which a worker is killed without a message."""
+    """Check that there is enough shared memory, because otherwise a worker is killed without a message."""
     if not _SHARED_MEMORY.is_dir():
         return
     batch_bytes = batch_size * sum(array.nbytes for array in windows.example(0).values())
-    needed = batch_bytes * (3 * workers + 2)  # being made, waiting in the queue and in this process; and in use
+    needed = batch_bytes * (3 * workers + 2)  # each worker: one made, one queued, one here; two in use
     free = shutil.disk_usage(_SHARED_MEMORY).free
     if free < needed:
         raise UserError(

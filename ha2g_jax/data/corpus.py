@@ -29,12 +29,12 @@ TALK_VERSION = "talk-v4"
 
 
 def corpus_folder(name: str) -> pathlib.Path:
-    """Return the folder of a corpus: of the Talk corpus, in the user's cache, for "talk", else the name as a path."""
+    """Return the folder of a corpus: for "talk" that of the Talk corpus in the user's cache, else `name` as a path."""
     return cache_folder() / TALK_VERSION if name == TALK else pathlib.Path(name)
 
 
 class Clips(Sequence[Clip]):
-    """The clips of one split, in shards in order, each decoded on access. Can be pickled.
+    """The clips of one split, in the order of its shards, each decoded on access. Can be pickled.
 
     Raises:
         UserError: a shard cannot be read.
@@ -162,7 +162,7 @@ class Corpus:
 
     @property
     def skeleton(self) -> Skeleton:
-        """Skeleton with the statistics of the training split, or the published ones if there is no training split."""
+        """Skeleton with the statistics of the training split, or the published ones without a training split."""
         statistics = self.metadata["statistics"]
         arrays = {name: np.array(values, np.float32) for name, values in statistics.items()}
         return dataclasses.replace(load_skeleton(self.metadata["skeleton"]), **arrays)

@@ -1,4 +1,4 @@
-"""Writer of a corpus: shards of clips, and `dataset.json` with their metadata and the statistics of training."""
+"""Writer of a corpus: shards of clips, and `dataset.json` with their metadata and statistics of the training split."""
 
 import collections
 import contextlib
@@ -38,8 +38,8 @@ def unusable_positions(positions: np.ndarray, skeleton: Skeleton) -> str | None:
 
 
 class MotionStatistics:
-    """Running means over the frames of all training windows: bone lengths, poses, direction vectors, and angles in
-    units of pi (HA2G, Eq. 8), whose changes are scaled to those between frames at 15 fps.
+    """Running means over the frames of all training windows: bone lengths, poses, direction vectors, angles in units of
+    pi (HA2G, Eq. 8), and changes of the angles, scaled to those between frames at 15 fps.
     """
 
     def __init__(self, skeleton: Skeleton, fps: float):
@@ -49,7 +49,7 @@ class MotionStatistics:
         self._steps = 0
 
     def update(self, positions: np.ndarray, window_starts: Sequence[int]) -> None:
-        """Add the frames of one clip, positions (T, joints, 3) in metres, that lie in a window of training."""
+        """Add those frames of one clip, positions (T, joints, 3) in metres, that lie in a training window."""
         is_seen = np.zeros(len(positions), bool)
         for start in window_starts:
             is_seen[start : start + frames_at(WINDOW_FRAMES, self._fps)] = True
@@ -73,7 +73,7 @@ class MotionStatistics:
     def result(self) -> dict[str, Any]:
         """Return the means as nested lists by field name of `Skeleton`, for JSON; empty if there was no window.
 
-        They are rounded to nine decimals, so that the last bits, which differ between processors, do not show.
+        They are rounded to nine decimals, because the last bits differ between processors.
         """
         if not self._frames:
             return {}
@@ -86,7 +86,7 @@ class MotionStatistics:
 
 
 class CorpusWriter:
-    """Writer of a corpus, which writes into a temporary folder and renames it to `path` when all is written.
+    """Writer of a corpus, which writes into a temporary folder and renames it to `path` at the end.
 
     Use it as a context manager; an exception inside the context leaves nothing behind.
 
@@ -95,7 +95,7 @@ class CorpusWriter:
         metadata: description of the corpus, such as its source and licence; entries may be added until the end.
 
     Raises:
-        UserError: `path` exists or cannot be written, a split's name is no identifier, or there is no clip at the end.
+        UserError: `path` exists or cannot be written, the name of a split is invalid, or there is no clip at the end.
     """
 
     def __init__(
@@ -170,7 +170,7 @@ class CorpusWriter:
 
     @contextlib.contextmanager
     def _writing(self) -> Iterator[None]:
-        """Turn errors of the disk (it is full, or not writable) into a `UserError`."""
+        """Turn disk errors (the disk is full or not writable) into a `UserError`."""
         try:
             yield
         except (OSError, RuntimeError, ValueError) as error:  # ArrayRecord raises the last two

@@ -1,4 +1,4 @@
-"""Parallel work in processes, which end with their parent, with results in the order of the tasks."""
+"""Parallel work in processes that end with their parent, with results in the order of the tasks."""
 
 import collections
 import concurrent.futures
@@ -24,7 +24,7 @@ Result = TypeVar("Result")
 def parallel_map(count: int, died: str) -> Iterator[Callable[..., Iterator]]:
     """Provide a `map`, with results in order, that runs in `count` processes, or in this process if `count` is 1.
 
-    Its function must be importable by name.
+    The mapped function must be importable by name.
 
     Raises:
         UserError: a process died; the message is `died`.
@@ -54,7 +54,7 @@ def in_order(
 ) -> Iterator[Result]:
     """Yield the results of `function(*task)` in the order of the tasks, with few tasks in progress at a time.
 
-    The executor is one of `workers` of `count` processes, and the function is importable by name.
+    The executor is that of `workers` with `count` processes, and the function is importable by name.
 
     Raises:
         UserError: a worker died; the message is `died`.
@@ -88,7 +88,7 @@ def _begin_worker() -> None:
 
 
 def end_with_parent() -> None:
-    """End this worker when its parent was killed, which would otherwise leave it waiting for ever."""
+    """End this worker when its parent is killed; otherwise it would wait for ever."""
     parent = multiprocessing.parent_process()
     assert parent is not None
     connection.wait([parent.sentinel])

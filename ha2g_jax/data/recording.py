@@ -1,4 +1,4 @@
-"""Recordings of any origin become clips: cut at pauses, with the windows that pass the filters of the TED data."""
+"""Cutting of recordings into clips, at pauses, and choice of the windows that pass the filters of the TED data."""
 
 import collections
 import dataclasses
@@ -22,7 +22,7 @@ REASONS = (TOO_FEW_WORDS, MEAN_POSE, SPINE_ANGLE, MOTION)
 
 _UPRIGHT = np.array([0.0, -1.0, 0.0])  # y points down
 
-MAX_SECONDS = 20.0  # length of a clip: a reader decodes whole clips, and a batch has windows of many clips
+MAX_SECONDS = 20.0  # length of a clip; it is short because whole clips are decoded and a batch has windows of many
 
 TOO_SHORT, NO_WINDOW = "too short", "no window left"
 
@@ -60,13 +60,13 @@ class SplitReport:
         )
 
     def as_json(self) -> dict[str, Any]:
-        """Return the counts ready for JSON; "rejected" only if a clip was rejected."""
+        """Return the counts as plain values for JSON; "rejected" only if something was rejected."""
         counts = dataclasses.asdict(self) | {"filtered": dict(self.filtered), "rejected": dict(self.rejected)}
         return counts if self.rejected else {name: count for name, count in counts.items() if name != "rejected"}
 
     @classmethod
     def from_json(cls, counts: dict[str, Any]) -> "SplitReport":
-        """Make a report of counts that `as_json` returned."""
+        """Make a report from counts that `as_json` returned."""
         filtered, rejected = (collections.Counter(counts.get(name, {})) for name in ("filtered", "rejected"))
         return cls(**{**counts, "filtered": filtered, "rejected": rejected})
 
@@ -79,7 +79,7 @@ def report_as_json(report: Report) -> dict[str, Any]:
 
 
 def report_from_json(values: dict[str, Any]) -> Report:
-    """Make a report of what `report_as_json` returned."""
+    """Make a report from values that `report_as_json` returned."""
     return {split: SplitReport.from_json(counts) for split, counts in values.items()}
 
 
@@ -99,12 +99,12 @@ def _sum(first: collections.Counter[str], second: collections.Counter[str]) -> c
 
 
 class WindowFilters(NamedTuple):
-    """Conditions that a window must fulfil; None switches a filter off. Frames are those of 15 fps.
+    """Conditions that a window must fulfil; None switches a filter off. Frames are at 15 fps.
 
     Attributes:
         min_words: minimum number of words that overlap the window.
         min_pose_distance: minimum of the mean |pose - mean pose| over frames, joints and axes, in metres; below it the
-            pose estimator has fallen back on its mean pose.
+            pose estimator has fallen back to its mean pose.
         max_spine_angle: maximum angle between the spine and upright in any frame, in degrees.
         max_mean_spine_angle: maximum of the mean over the frames of that angle, in degrees.
         min_wrist_variance: minimum variance of a wrist's position, in square metres; a window fails if both wrists are
@@ -128,7 +128,7 @@ MOCAP = WindowFilters(min_pose_distance=None, max_spine_angle=None, max_mean_spi
 
 
 class WindowChoice(NamedTuple):
-    """The first frame of each window of a clip that is kept; the verdict on each window, `KEPT` or one of `REASONS`."""
+    """First frames of the windows of a clip that are kept, and the verdict on each window: `KEPT` or a reason."""
 
     starts: tuple[int, ...]
     verdicts: tuple[str, ...]
@@ -241,7 +241,7 @@ class Recording(NamedTuple):
 
 
 def seen(confidence: np.ndarray, min_confidence: float) -> np.ndarray:
-    """Return (T,) bool, whether all keypoints (T, keypoints) of an image have the least confidence; 0 never counts."""
+    """Return (T,) bool, whether all keypoints (T, keypoints) of an image have at least this confidence, above 0."""
     return np.all((confidence >= min_confidence) & (confidence > 0), axis=1)
 
 
@@ -254,10 +254,10 @@ def to_clips(
     max_seconds: float = MAX_SECONDS,
     first: int = 0,
 ) -> tuple[list[Clip], SplitReport]:
-    """Cut a recording at its longest pauses, and return the clips that have a window, and the counts of one recording.
+    """Cut a recording at its longest pauses, and return the clips that have a window, and a report of the recording.
 
-    The clips, in order of time, are named NAME-NUMBER from number `first` on, for a recording of several shots; the
-    numbers of clips that are left out stay unused.
+    The clips, in order of time, are named NAME-NUMBER. Numbers start at `first`, for a recording of several shots, and
+    those of clips that are left out stay unused.
     """
     num_frames = min(len(recording.positions), int(len(recording.audio) / SAMPLE_RATE * fps + 0.5))
     pieces = _pieces(recording.words, 0, num_frames, fps, max_seconds * fps)

@@ -1,4 +1,4 @@
-"""One clip of speech and motion, and its bytes: the record that data of every origin becomes."""
+"""One clip of speech and motion, and its encoding as a record, the same for data of every origin."""
 
 import contextlib
 import dataclasses
@@ -22,7 +22,7 @@ WINDOW_STRIDE = 10  # frames at 15 fps between the starts of two windows
 PAPER_FPS = 15
 
 _JPEG_QUALITY = 90
-# Exceptions by which msgpack, NumPy, libsndfile and Pillow answer damaged bytes.
+# Exceptions that msgpack, NumPy, libsndfile and Pillow raise for damaged bytes.
 _DAMAGE = (
     *(ValueError, TypeError, LookupError, AttributeError, ArithmeticError, OSError),
     *(msgpack.UnpackException, soundfile.SoundFileError),
@@ -37,13 +37,13 @@ _FIELD_NAMES = {stored: name for name, stored in STORED_NAMES.items()}
 
 
 class Stroke(NamedTuple):
-    """A gesture whose cause is known: its hit, the start of the preparation and the end of the retraction, in seconds.
+    """A gesture whose cause is known: its hit, start of the preparation and end of the retraction, in seconds.
 
     Attributes:
         kind: "beat", "stance", "semantic", "posture" or "nod".
         hand: "left", "right", "both", or "" if no hand moves.
         amplitude: size relative to an average stroke.
-        word_class: class of the word that caused the stroke, name of a stance, else "".
+        word_class: class of the word that caused the stroke, or name of the stance, else "".
     """
 
     time: float
@@ -56,13 +56,13 @@ class Stroke(NamedTuple):
 
 
 def frames_at(frames: int, fps: float) -> int:
-    """Return as many frames at `fps` as take the time of `frames` at 15 fps, rounded, at least 1."""
+    """Return the number of frames at `fps` that last as long as `frames` at 15 fps, rounded, at least 1."""
     return max(1, round(frames * fps / PAPER_FPS))
 
 
 @dataclasses.dataclass(frozen=True)
 class Clip:
-    """Speech with its words and the motion that goes with it.
+    """Speech, its words, and the motion that accompanies it.
 
     Attributes:
         id: name of the clip, unique within the corpus.
@@ -72,9 +72,9 @@ class Clip:
         reference_images: (M, 224, 224, 3) uint8 images of the speaker, None if there are none.
         recording_start: start of the clip in its recording, in seconds.
         window_starts: frames at which a training window may start.
-        strokes, style: true gestures and true style vector of the speaker, in a corpus where they are known.
+        strokes, style: true gestures and true style vector of the speaker, if they are known.
         recording: name of the recording that the clip was cut from; a recording is never divided among splits.
-        confidence: (T, joints) float32 in [0, 1] of the estimate of each joint; None if positions were not estimated.
+        confidence: (T, joints) float32 in [0, 1] for the estimate of each joint; None if positions were not estimated.
     """
 
     id: str

@@ -1,4 +1,4 @@
-"""Regroup clips: merge several corpora into one, and divide a corpus into splits that share no recording."""
+"""Merging of several corpora into one, and division of a corpus into splits that share no recording."""
 
 import collections
 import functools
@@ -39,14 +39,14 @@ def merge(paths: Sequence[str | os.PathLike], dst: str | os.PathLike, *, same_sp
     """Write the clips of at least two corpora into one, split by split, in the order of the paths.
 
     Names of clips and recordings that occur in more than one corpus are prefixed with the name of the corpus' folder.
-    So are names of speakers unless `same_speakers`, because the same name in two corpora most often means two people.
+    So are names of speakers unless `same_speakers`, because the same name in two corpora usually means two people.
 
     The description joins the distinct sources, states the licence of each corpus, adds up the import reports, and keeps
     the other entries of each corpus under "merged". Nothing is left of `dst` if the work is interrupted.
 
     Raises:
         UserError: `dst` exists, there are fewer than two corpora, one is damaged or occurs twice, alone or as a part
-            of another, two have a clip with the same sound and motion, or they do not fit.
+            of another, two have a clip with the same sound and motion, or skeletons or frame rates differ.
     """
     corpora = [Corpus.open(path) for path in paths]
     _check_that_they_fit(corpora)
@@ -93,8 +93,8 @@ def _check_that_they_fit(corpora: list[Corpus]) -> None:
 
 
 def _names(corpora: list[Corpus], kinds: Iterable[str]) -> list[dict[str, dict[str, str]]]:
-    """Return the new names of clips, recordings and speakers that several corpora have, for each corpus: kind -> old
-    name -> new name; a clip whose sound and motion are in two corpora is a `UserError`."""
+    """Return for each corpus the new names of clips, recordings and speakers that occur in several: kind -> old name ->
+    new name; a clip whose sound and motion are in two corpora is a `UserError`."""
     used = []
     owners: dict[bytes, tuple[Corpus, str]] = {}  # of each clip, by the hash of its sound and motion
     for corpus in track(corpora, "reading names", "corpus"):
@@ -133,7 +133,7 @@ def _names(corpora: list[Corpus], kinds: Iterable[str]) -> list[dict[str, dict[s
 
 
 def _labels(corpora: list[Corpus]) -> list[str]:
-    """Return the name of each folder, with a number from the second folder of the same name on."""
+    """Return the name of each folder; a second folder of the same name, and any later one, gets a number."""
     labels: list[str] = []
     for corpus in corpora:
         name, number = resolved(corpus.path).name, 2
@@ -145,7 +145,7 @@ def _labels(corpora: list[Corpus]) -> list[str]:
 
 
 def _renamed(clips: Clips, index: int, new_names: dict[str, dict[str, str]]) -> bytes:
-    """Return the record with its new names; its other bytes stay, so no audio or image is compressed again."""
+    """Return a record with its new names; its other bytes stay the same, so no audio or image is compressed again."""
     record, fields = clips.record(index), clips.fields(index)
     changed = {
         STORED_NAMES.get(kind, kind): names[fields[kind]] for kind, names in new_names.items() if fields[kind] in names
@@ -197,7 +197,7 @@ def _licence(by_folder: Mapping[str, str]) -> str:
 
 
 def _joined(texts: Iterable[Any]) -> str:
-    """Join distinct texts; a text that is joined already is split first, so that each part occurs once."""
+    """Join distinct texts; a text that was joined before is split first, so that each part occurs once."""
     parts = (part for text in texts if text for part in str(text).split(_SEPARATOR))
     return _SEPARATOR.join(dict.fromkeys(parts))
 
@@ -297,9 +297,9 @@ def _members(corpus: Corpus, by: str) -> list[_Member]:
 def assign(seconds: Mapping[str, float], fractions: Mapping[str, float], seed: int) -> dict[str, str]:
     """Assign each recording or speaker to a split, by their names and durations; the fractions add up to 1.
 
-    Each one in turn is assigned to the split with the longest missing duration, or to an empty split if no more are
-    left than there are empty splits. Then pairs are exchanged, or one is moved, as long as that lowers the sum of
-    squares of the missing durations and some split is wrong by more than half a percent of the whole duration.
+    Each one in turn is assigned to the split with the longest missing duration, or to an empty split if as many are
+    left as there are empty splits. Then pairs are exchanged, or one is moved, as long as that lowers the sum of squares
+    of the missing durations and some split is off by more than half a percent of the whole duration.
     """
     whole = sum(seconds.values())
     missing = {split: fraction * whole for split, fraction in fractions.items()}

@@ -27,7 +27,7 @@ class Speech(NamedTuple):
     @property
     def num_bytes(self) -> int:
         """Size in memory, in bytes."""
-        return sum(track.nbytes for track in self.tracks.values()) + 200 * len(self.words)  # text and two floats
+        return sum(track.nbytes for track in self.tracks.values()) + 200 * len(self.words)  # text, two floats
 
 
 # Inputs that are cut from a track: the function of the samples that computes it, and the function of (track, start
@@ -64,7 +64,7 @@ def window(
         for name, (_, cut) in _TRACKS.items()
         if name in inputs
     }
-    # Only words near the window are used; one frame more on either side leaves rounding to the functions below.
+    # Only words near the window are used, with a margin of one frame, so that the functions below decide on rounding.
     first = speech.ends.searchsorted((start - 1) / fps, "left")
     last = speech.starts.searchsorted((start + num_frames + 1) / fps, "right")
     words = speech.words[first:last]

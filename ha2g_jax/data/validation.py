@@ -1,4 +1,4 @@
-"""Validation of a corpus: findings are errors that spoil training or its scores, notes are common properties."""
+"""Validation of a corpus: findings are errors that harm training or its scores, notes are common properties."""
 
 import collections
 import itertools
@@ -33,7 +33,7 @@ class Verdict(NamedTuple):
 
 
 def examine(path: str | os.PathLike) -> Verdict:
-    """Examine all shards and records of a corpus.
+    """Check all shards and records of a corpus.
 
     Findings: the bytes of a shard differ from its SHA-256; a record cannot be read; positions are not finite, have a
     wrong shape, or have bones of implausible length (median over the clip, more than a factor of 4 from the skeleton's

@@ -34,7 +34,7 @@ class Track(NamedTuple):
 
 
 class ClipCache:
-    """Least-recently-used cache of tracks, which `decode` computes, by the number of their clip.
+    """Least-recently-used cache of tracks, which `decode` computes, with the number of their clip as key.
 
     It is thread-safe. A pickled copy is empty, so a worker process starts with an empty cache. The tracks take at most
     `max_bytes` together; a larger track is computed anew on each access.
@@ -232,7 +232,7 @@ class Windows:
         return self._find(index)[0]
 
     def directions(self, index: int) -> np.ndarray:
-        """Return only the motion of a window, (N, bones, 3) float32 unit vectors; ascending indices are fastest."""
+        """Return only the motion of a window, (N, bones, 3) float32 unit vectors; fastest for ascending indices."""
         number, start = self._find(index)
         track, last = self._cache.peek(number), self._last_motion
         if track is not None:
@@ -249,7 +249,7 @@ class Windows:
         return set(self._index.speakers.tolist())
 
     def reference_images(self, speaker: int, limit: int = 8) -> list[np.ndarray]:
-        """Return images (M, S, S, 3) uint8 of a speaker, of each of at most `limit` clips."""
+        """Return the images (M, S, S, 3) uint8 of a speaker from each of at most `limit` clips."""
         images = []
         for number in np.flatnonzero(self._index.speakers == speaker)[:limit].tolist():
             track = self._cache.peek(number)
@@ -263,7 +263,7 @@ class Windows:
 
 
 class _Reader(NamedTuple):
-    """Computes the features of clips by number; holds all that decoding needs, and is sent to workers."""
+    """Reader of the features of clips by number; it holds everything that decoding needs, and is sent to workers."""
 
     clips: Clips
     skeleton: Skeleton

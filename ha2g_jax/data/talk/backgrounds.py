@@ -1,6 +1,6 @@
 """Sounds in which nobody speaks, for the Talk corpus: noise of many kinds, and music made of synthetic instruments.
 
-They are computed in float64, so that the last bits, which differ between processors, do not show in 16 bits.
+They are computed in float64, so that the last bits, which differ between processors, vanish in 16 bits.
 """
 
 import functools
@@ -12,10 +12,10 @@ import numpy as np
 from ha2g_jax.features.audio import SAMPLE_RATE
 
 _SCALES = ((0, 2, 4, 5, 7, 9, 11), (0, 2, 3, 5, 7, 8, 10), (0, 2, 4, 7, 9), (0, 3, 5, 7, 10))  # semitones
-_CHORDS = (0, 3, 4, 5)  # degrees of the scale on which chords stand
+_CHORDS = (0, 3, 4, 5)  # degrees of the scale on which chords are built
 _TRIAD = (0, 2, 4)
-_BEATS = 4  # in a bar
-_STEPS = 16  # of a pattern of drums in a bar
+_BEATS = 4  # beats in a bar
+_STEPS = 16  # steps of a pattern of drums in a bar
 _LOWEST_HZ, _HIGHEST_HZ = 55.0, 7500.0
 _PERIOD = 512  # samples of one period of an instrument
 _BLOCK, _LEAST_HZ = 4096, 20.0  # of noise
@@ -25,14 +25,14 @@ _RELEASE = 0.05  # seconds in which a note ends
 def draw_noise(num_samples: int, rng: np.random.Generator) -> np.ndarray:
     """Draw noise (samples,) at 16 kHz with a mean power of 1: steady or swelling, of any colour, hum, bursts or clicks.
 
-    A part of it is always steady noise, by 10 to 50 dB below the others.
+    A part of it is always steady noise, 10 to 50 dB below the others.
     """
     make = (_steady, _swelling, _hum, _bursts)[rng.integers(4)]
     return _normal(_normal(make(num_samples, rng)) + 10 ** (rng.uniform(-50, -10) / 20) * _steady(num_samples, rng))
 
 
 def draw_music(num_samples: int, rng: np.random.Generator) -> np.ndarray:
-    """Draw music (samples,) at 16 kHz with a mean power of 1: some of chords, arpeggio, melody, bass and drums."""
+    """Draw music (samples,) at 16 kHz with a mean power of 1, of some of chords, arpeggio, melody, bass and drums."""
     parts = [part for part in (_chords, _arpeggio, _melody, _bass, _drums) if rng.random() < 0.5]
     beat = 60 / rng.uniform(60, 170)
     tonic, scale = _LOWEST_HZ * 2 ** (rng.integers(12) / 12), _SCALES[rng.integers(len(_SCALES))]
@@ -49,8 +49,8 @@ def draw_music(num_samples: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def coloured_noise(num_samples: int, exponent: float, rng: np.random.Generator) -> np.ndarray:
-    """Draw noise (samples,) with a mean power of 1, of a power density f^-exponent: 0 white, 1 pink, 2 brown."""
-    size = _BLOCK * -(-num_samples // _BLOCK)  # a length of small factors, which is transformed fast
+    """Draw noise (samples,) with a mean power of 1 and power density f^-exponent: 0 white, 1 pink, 2 brown."""
+    size = _BLOCK * -(-num_samples // _BLOCK)  # a length with small prime factors, for a fast FFT
     spectrum = np.fft.rfft(rng.standard_normal(size))
     spectrum /= np.maximum(np.fft.rfftfreq(size, 1 / SAMPLE_RATE), _LEAST_HZ) ** (exponent / 2)
     return _normal(np.fft.irfft(spectrum, size)[:num_samples])

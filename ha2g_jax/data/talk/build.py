@@ -45,29 +45,29 @@ SPLITS = ("train", "val", "test", "test_unseen_speakers")
 
 _DIED = "a worker process was killed, perhaps because memory ran out; use fewer --workers"
 _DEFAULT_MINUTES = 144
-_CLIP_SECONDS = (10.0, 19.0)  # a clip lasts until the end of the sentence at this time, some seconds longer
+_CLIP_SECONDS = (10.0, 19.0)  # a clip ends with the sentence that is spoken at such a time, some seconds later
 _MEAN_CLIP_SECONDS = 17.8
-_LONG_PAUSE, _LONG_PAUSE_SECONDS = 0.15, (2.0, 6.0)  # probability of a long pause between sentences, its duration
+_LONG_PAUSE, _LONG_PAUSE_SECONDS = 0.15, (2.0, 6.0)  # probability of a long pause between sentences, and its duration
 _LATE = 0.1  # probability that a varied clip begins with a long pause
-_GAP = 0.04  # most seconds between two words of speech without pauses
-_TURN = 0.6  # probability that the other one of two people goes on after a sentence
+_GAP = 0.04  # largest gap in seconds between two words of speech without pauses
+_TURN = 0.6  # probability that the other of two people goes on after a sentence
 _CLIPS_PER_RECORDING = 2
-# Of a core of a server of 2023, and of the disk, for one minute of speech.
+# Time of a core of a server of 2023, and disk space, for one minute of speech.
 _SECONDS_PER_MINUTE, _MEGABYTES_PER_MINUTE = 0.6, 1.4
 # Fractions of the recordings.
 _UNSEEN_RECORDINGS, _TEST_RECORDINGS, _VAL_RECORDINGS = 1 / 11, 1 / 11, 1 / 17
 
-# Recordings of speech that is like that of the other splits, and those of other kinds with their fractions.
+# Recordings of speech like that of the other splits, and recordings of other kinds, with their fractions.
 _SPEECH, _KINDS = "speech", dict.fromkeys(("rest", "two people", "no pauses", "no emphasis"), 1 / 12)
-_VARIED = ("train", "val")  # splits that have those kinds, other languages, and sound behind the speech
+_VARIED = ("train", "val")  # splits that have those kinds, other languages, and background sounds
 
 _REFERENCE_FRAMES = 7  # the largest M of Table 11
-_PEAK_DB = (-0.3, -40.0)  # of speech, relative to full scale; four of five are above -20
+_PEAK_DB = (-0.3, -40.0)  # peak of speech, relative to full scale; four of five are above -20
 _NOISE_DB = (-72.0, -47.0)  # power of the background noise, relative to the peak of the speech
 _BACKGROUND, _BACKGROUND_DB = 0.25, (-30.0, -5.0)  # probability of louder noise or of music, relative to the speech
 _REST_DB = (-10.0, -90.0)  # level of noise and music alone, relative to full scale
-_PARTS, _PART_SECONDS, _PART_DB, _SILENT = 3, (4.0, 9.0), (-20.0, 0.0), 0.15  # of rest; probability of silence
-_PARTNER_DB = (-6.0, 6.0)  # level of the other one of two people
+_PARTS, _PART_SECONDS, _PART_DB, _SILENT = 3, (4.0, 9.0), (-20.0, 0.0), 0.15  # parts of rest; probability of silence
+_PARTNER_DB = (-6.0, 6.0)  # level of the second of two people
 
 _VAL_STRIDE = 7
 
@@ -75,7 +75,7 @@ _RECORDING_SEEDS, _KIND_SEEDS = 1, 2  # first numbers of spawn keys; those of `s
 
 
 class _RecordingPlan(NamedTuple):
-    """All that a worker needs to make the clips of one recording; equal values give equal bytes."""
+    """Everything that a worker needs to make the clips of one recording; equal plans give equal bytes."""
 
     name: str
     split: str
@@ -95,7 +95,7 @@ def make_talk(
     fps: int = FPS,
     synthesiser: str = DEFAULT_SYNTHESISER,
 ) -> None:
-    """Make a Talk corpus in the folder `out`, of about so many minutes of speech of at least 2 speakers.
+    """Make a Talk corpus in the folder `out`, with about `minutes` minutes of speech by at least 2 speakers.
 
     Equal arguments give equal bytes, whatever the number of workers, which is one per core by default; the speech does
     not depend on the frames per second of the motion. One speaker in six occurs only in the split
@@ -108,7 +108,7 @@ def make_talk(
         UserError: `out` exists or cannot be written, there are too few speakers or minutes for all splits, a number is
             beyond its limits, or the synthesiser is not installed.
     """
-    from ha2g_jax.data.talk import teacher  # its import takes a second, which training on a corpus need not wait for
+    from ha2g_jax.data.talk import teacher  # imported here because it takes a second, for which training need not wait
 
     _check(speakers, minutes, seed, fps, synthesiser)
     plans = _plan(speakers, minutes, seed, synthesiser)
@@ -134,7 +134,7 @@ def make_talk(
 
 
 def talk_path(spec: str) -> pathlib.Path:
-    """Return `data.corpus.corpus_folder` of a name, and build the Talk corpus if it is asked for and not there.
+    """Return `data.corpus.corpus_folder` of a name, and build the Talk corpus if it is requested and missing.
 
     Raises:
         UserError: the default Talk corpus cannot be written.
@@ -198,7 +198,7 @@ def _plan(num_speakers: int, minutes: float, seed: int, synthesiser: str) -> lis
     pools = {"train": speakers[:seen], "val": speakers[:seen], "test": english, "test_unseen_speakers": speakers[seen:]}
     for key, (split, pool) in enumerate(pools.items()):
         kinds = _draw_kinds(counts[split], np.random.SeedSequence(seed, spawn_key=(_KIND_SEEDS, key)))
-        # With a stride of its own, val takes other speakers than test, and each once before any twice.
+        # With its own stride, val takes other speakers than test, and each once before any twice.
         stride = _coprime(len(pool), _VAL_STRIDE) if split == "val" else 1
         for number in range(counts[split]):
             speaker = pool[number * stride % len(pool)]
@@ -312,7 +312,7 @@ def _mix(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return speech with background noise and perhaps louder sounds, and the same without those sounds.
 
-    Both are as they will be stored, so that the teacher, who hears the latter, gets the samples that the model gets.
+    Both are rounded as they will be stored, so that the teacher, which gets the latter, and the model agree.
     """
     heard = speech + 10 ** (noise_db / 20) * backgrounds.coloured_noise(len(speech), 1.0, rng)
     audio = heard

@@ -21,7 +21,7 @@ from ha2g_jax.features.text import Word
 
 # A Scottish man and a woman of the United States; and a man of the United States, who only unseen speakers have.
 FLITE_VOICES, HELD_OUT_VOICES = ("awb", "slt"), ("rms",)
-_LEVEL = 0.3  # of the sound of a word that is not emphasised, so that emphasis does not clip
+_LEVEL = 0.3  # level of a word that is not emphasised, so that emphasis does not clip
 _RAMP = 0.02  # seconds over which the loudness changes from word to word
 _WORD = re.compile(r"([^\W_]+(?:['’-][^\W_]+)*)([.,]?)")
 _START, _END = (
@@ -31,9 +31,9 @@ _START, _END = (
 
 
 class FliteVoice(NamedTuple):
-    """A speaker's voice in the terms of Flite: a name such as "slt", whose sounds come from recordings of a person.
+    """The parameters of a voice of Flite: a name such as "slt", whose sounds come from recordings of a person.
 
-    Pitch, rate of speech and formants are ratios to those of the person; the pitch of "rms" follows the formants alone.
+    Pitch, rate of speech and formants are ratios to those of the person; the pitch of "rms" follows only the formants.
     """
 
     name: str
@@ -85,8 +85,8 @@ def say(markup: str, voice: FliteVoice) -> Utterance:
     """Speak one text; the same text and voice give the same bytes in any process and any order on one system.
 
     The text has the SSML of `grammar`: `<prosody volume= pitch= rate=>` with changes in percent, and
-    `<break time="200ms"/>`. An emphasised word is louder and, because Flite has no pitch of single words, longer in
-    place of higher. The voice "rms" ignores the pitch of phrases, too.
+    `<break time="200ms"/>`. An emphasised word is louder and, because Flite cannot set the pitch of single words,
+    longer instead of higher. The voice "rms" ignores the pitch of phrases, too.
 
     Raises:
         UserError: Flite or the voice is not installed.
@@ -146,7 +146,7 @@ def _ratio(change: str | None) -> float:
 def _speak(chunk: _Chunk, voice: FliteVoice) -> tuple[np.ndarray, np.ndarray]:
     """Speak a chunk: (samples,) float32 from the first to the last word, and (words, 2) start and end in seconds."""
     library, libc = _library(), ctypes.CDLL(None)
-    libc.srand(0)  # the noise of the voices is of the random numbers of C
+    libc.srand(0)  # the noise of the voices uses the random numbers of C
     utterance = library.new_utterance()
     try:
         relation = library.utt_relation_create(utterance, b"Token")
@@ -159,7 +159,7 @@ def _speak(chunk: _Chunk, voice: FliteVoice) -> tuple[np.ndarray, np.ndarray]:
             library.item_set_float(item, b"local_duration_stretch", max(token.pitch, 1.0))
         library.utt_init(utterance, _voice(voice.name))
         features = ctypes.cast(utterance, ctypes.POINTER(ctypes.c_void_p))[0]  # first field of cst_utterance
-        # Samples are read at another rate below, which scales the formants, the pitch and the rate of speech.
+        # Below, the samples are interpreted at another rate, which scales formants, pitch and rate of speech.
         library.feat_set_float(features, b"duration_stretch", voice.formants / (voice.rate * chunk.rate))
         library.feat_set_float(features, b"f0_shift", voice.pitch * chunk.pitch / voice.formants)
         if not library.utt_synth_tokens(utterance):

@@ -59,7 +59,7 @@ RULES: dict[str, tuple[str, ...]] = WORDS | _patterns(_GRAMMAR["rules"])
 RULES |= {symbol: (*RULES[symbol], *[""] * count) for symbol, count in _NO_WORDS.items()}
 CARRIERS = _patterns(_GRAMMAR["carriers"])
 
-# Probability that a clause carries a gesture-bearing word; gives about one such word in four seconds.
+# Probability that a clause has a gesture-bearing word, which gives about one such word in four seconds.
 _CARRIER_PROBABILITY = 0.6
 _OPENER_PROBABILITY = 0.25
 _CLAUSES = (1, 1, 2, 2, 2, 3)
@@ -70,13 +70,13 @@ _FUNCTION_WORDS = frozenset(
     | {"that", "the", "to", "was", "were", "with"}
 )
 
-# Probability for a content word, and its volume and pitch relative to the phrase, in percent. No more than two changes
+# Probability of emphasis of a content word; volume and pitch relative to the phrase, in percent. At most two changes
 # per word: with some 70 changes in a phrase, espeak-ng loses its position and speaks too fast.
 _EMPHASIS = ((0.10, 90, 22), (0.15, 45, 10), (0.15, -35, -5))
 
 
 def sentences(rng: np.random.Generator, language: str = ENGLISH) -> Iterator[str]:
-    """Yield random sentences in a language as SSML without end.
+    """Yield an endless sequence of random sentences in a language, as SSML.
 
     In English each gesture-bearing word occurs once before any occurs again; the others have none.
     """
@@ -109,7 +109,7 @@ def _english(rng: np.random.Generator) -> Iterator[list[str]]:
 
 
 def _expand(pattern: str, rng: np.random.Generator) -> list[str]:
-    """Replace every symbol of a pattern, which leaves words and commas."""
+    """Replace every symbol of a pattern, so that words and commas are left."""
     tokens: list[str] = []
     for token in pattern.replace(",", " ,").split():
         if token.isupper():
@@ -133,7 +133,7 @@ def _mark_up(tokens: list[str], rng: np.random.Generator) -> str:
     phrases = [phrase for phrase in phrases if phrase]
     marked = []
     for phrase in phrases:
-        # Attached to the word: espeak-ng speaks a lone mark after a tag ("dot").
+        # Attached to the word, because espeak-ng pronounces a lone mark after a tag ("dot").
         marks = [""] * (len(phrase) - 1) + ["." if phrase is phrases[-1] else ","]
         volume, pitch, rate = rng.integers(-25, 26), rng.integers(-12, 13), rng.integers(90, 113)
         words = " ".join(_emphasise(word, mark, rng) for word, mark in zip(phrase, marks))

@@ -1,7 +1,7 @@
 """Words that carry a gesture: their classes, and the arm path of each class.
 
-The hand shape of a class is that of its name in `anatomy.HAND_SHAPES`. The shapes are told apart by the flexion of the
-fingers alone, so a generated hand can be scored against them without knowing where the arm is.
+The hand shape of a class is that of its name in `anatomy.HAND_SHAPES`. The shapes differ in the flexion of the fingers,
+so a generated hand can be scored against them without knowing where the arm is.
 """
 
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""Speakers of a Talk corpus: styles of gesture, looks that show the style, and voices of a speech synthesiser."""
+"""Speakers of a Talk corpus: gesture styles, appearances that show the style, and voices of a speech synthesiser."""
 
 import itertools
 from typing import NamedTuple
@@ -22,13 +22,13 @@ _HAIR_LENGTHS = (0.0, 1.0)  # handedness: short for the left hand to long for th
 
 DEFAULT_SPEAKERS, DEFAULT_SEED, DEFAULT_SYNTHESISER = 48, 0, "espeak-ng"
 
-_UNSEEN = 1 / 6  # of the speakers
-_OTHER_LANGUAGE = (1, 4, 7)  # of twelve speakers of training; none of them is one of Flite's
+_UNSEEN = 1 / 6  # fraction of the speakers
+_OTHER_LANGUAGE = (1, 4, 7)  # indices among twelve training speakers; none of them has a voice of Flite
 _SEEDS = 0  # first number of spawn keys, so that no speaker has the seed of a recording
 
 
 class Style(NamedTuple):
-    """Six numbers in [-1, 1] that change how a speaker moves, and not when or why; 0 is the middle of the population.
+    """Six numbers in [-1, 1] that change how a speaker moves, but not when or why; 0 is the population average.
 
     Attributes:
         mixing: weight of the three causes; high is more beats, low is larger word gestures and head movement.
@@ -55,7 +55,7 @@ def sample_style(rng: np.random.Generator) -> Style:
 
 
 def look_of(style: Style) -> figure.Look:
-    """Return the look of a speaker; each number of the style changes one feature that is large in the image."""
+    """Return the look of a speaker; each number of the style changes one large feature of the image."""
     return figure.Look(
         skin=_colour(_SKINS, style.curl),
         hair=_colour(_HAIR, style.mixing),
@@ -99,7 +99,7 @@ class Speaker(NamedTuple):
 
 
 def say(markup: str, voice: Voice) -> speech.Utterance:
-    """Speak one text in the markup of `grammar` by the synthesiser of the voice.
+    """Speak one text in the markup of `grammar` with the synthesiser of the voice.
 
     Raises:
         UserError: the synthesiser is not installed.
@@ -121,15 +121,15 @@ def default_styles() -> dict[str, Style]:
 
 
 def num_unseen(num_speakers: int) -> int:
-    """Return how many of the speakers are in the split of unseen ones alone."""
+    """Return how many of the speakers are only in the split of unseen ones."""
     return max(1, round(num_speakers * _UNSEEN))
 
 
 def draw_speakers(seen: int, unseen: int, seed: int, synthesiser: str) -> list[Speaker]:
     """Draw the speakers of training, then the unseen ones, whose styles lie between two styles of training.
 
-    Each has a seed of its own. Of "both" synthesisers, Flite has a third of the speakers. A quarter of the speakers of
-    training have a voice of espeak-ng and speak another language than English.
+    Each has its own seed. With "both" synthesisers, Flite speaks for a third of the speakers. A quarter of the training
+    speakers have a voice of espeak-ng and speak a language other than English.
     """
     speakers: list[Speaker] = []
     languages = itertools.cycle(grammar.OTHER_LANGUAGES)

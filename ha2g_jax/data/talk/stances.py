@@ -1,4 +1,4 @@
-"""Stances: where the hands of a speaker are in a phrase. The moments follow from the sound; the stances are drawn.
+"""Stances: where a speaker's hands are during a phrase. Their times follow from the sound; the stances are random.
 
 An arm has seven numbers, see `ARM`; the hands stand relative to their shoulders.
 """
@@ -22,12 +22,12 @@ class _Place(NamedTuple):
     """A stance of the table.
 
     Attributes:
-        share: ratio of the stances that are this one, in speech of average liveliness.
+        share: fraction of the stances that are this one, in speech of average liveliness.
         lively: power of the liveliness with which the share grows.
-        first, second: metres of one wrist and of the other.
-        elbow: degrees of the elbows outward.
-        pronation: degrees.
-        turn: degrees that the trunk turns to the side of the first hand.
+        first, second: position of one wrist and of the other, in metres.
+        elbow: angle of the elbows outward, in degrees.
+        pronation: pronation of the forearms, in degrees.
+        turn: angle by which the trunk turns to the side of the first hand, in degrees.
     """
 
     share: float
@@ -52,10 +52,10 @@ STANCES = {
     "raised": _Place(0.08, 1.0, (0.14, -0.02, 0.40), (0.12, -0.58, 0.10), pronation=25, turn=5),
     "hanging": _Place(0.02, -2.0, (0.13, -0.63, 0.13), (0.13, -0.63, 0.13), pronation=10),
 }
-_MIDDLE = np.array([0.14, -0.34, 0.27])  # metres, from which a larger stance is farther away
+_MIDDLE = np.array([0.14, -0.34, 0.27])  # metres; a larger stance is farther from this point
 _VARIATION = np.array([0.06, 0.05, 0.08, 9.0, 22.0, 9.0, 6.0])  # standard deviations of a stance of one name
-_SHARED = np.array([0.7, 0.4, 0.5, 0.4, 0.4, 0.4, 0.4])  # ratio of the variance that is that of both hands
-_ROLL = 16.0  # degrees that the pronation of both hands varies beyond it
+_SHARED = np.array([0.7, 0.4, 0.5, 0.4, 0.4, 0.4, 0.4])  # fraction of the variance that both hands share
+_ROLL = 16.0  # degrees by which the pronation of both hands varies in addition
 _LEAST = np.array([-0.18, -0.65, 0.02, 5.0, -60.0, -35.0, -20.0])
 _GREATEST = np.array([0.50, 0.10, 0.54, 75.0, 80.0, 45.0, 15.0])
 _PATTERNS, _PATTERN_SHARES = ("both", "turns", "one"), (0.55, 0.25, 0.2)
@@ -64,9 +64,9 @@ _PHRASE_GAP = 0.3  # seconds without a syllable after which a phrase begins
 _REST_GAP = 1.7  # seconds without a syllable in which the arms come to rest
 _AT_REST, _RISE = 1.5, 0.75  # seconds after the last syllable, and before the next one
 _HOLD = (1.2, 3.4)  # seconds until the next stance of a long phrase
-_ROOM, _PATIENCE = 0.62, 1.2  # seconds before the beat of a new stance, and that the stance waits for such a beat
-_SHORTEST = 0.8  # seconds of a stance at the end of a phrase
-_WAIT = 0.7  # seconds to the nearest beat from which hands move at a syllable without one
+_ROOM, _PATIENCE = 0.62, 1.2  # seconds needed before the beat of a new stance, and seconds to wait for such a beat
+_SHORTEST = 0.8  # seconds of the shortest stance, at the end of a phrase
+_WAIT = 0.7  # seconds to the nearest beat beyond which hands move at a syllable without one
 _IDLE = (3.5, 9.0)  # seconds between two small movements at rest
 _SECONDS, _REST_SECONDS = (0.75, 1.1), {REST: 1.0, "idle": 2.2}  # of a movement
 _FALL = 0.3  # metres that a hand falls at most in the stroke of a beat
@@ -74,8 +74,8 @@ _SHIFT = 2.0  # standard deviations of a shift within a stance, in those of the 
 
 
 class Move(NamedTuple):
-    """A moment in seconds at which the hands arrive: at a new "stance", after a "shift" within one, at "rest", or after
-    "idle" movement at rest; and whether a beat hits then.
+    """A time in seconds at which the hands arrive: at a new "stance", after a "shift" within one, at "rest", or after
+    an "idle" movement at rest; and whether a beat hits then.
     """
 
     hit: float
@@ -93,8 +93,8 @@ class Stance(NamedTuple):
         vigour: size of the movement in it, 1 on average.
         arms: (2, 7) `ARM` of the left and the right arm.
         trunk: (3,) pitch, yaw and roll in degrees.
-        start: seconds at which the hands begin to move.
-        lag: (2,) seconds that the left and the right hand are late.
+        start: time in seconds at which the hands begin to move.
+        lag: (2,) delay of the left and the right hand, in seconds.
         move: when and why they arrive.
     """
 
@@ -117,11 +117,11 @@ def hand_gains(style: Style) -> np.ndarray:
 def plan_moves(
     syllables: np.ndarray, beats: Sequence[strokes.Beat], seconds: float, rng: np.random.Generator
 ) -> list[Move]:
-    """Choose the moments at which hands arrive, from the times (n,) of the syllables and the beats, in order.
+    """Choose the times at which the hands arrive, from the times (n,) of the syllables and the beats, in order.
 
-    They move at each beat, and at a syllable where no beat is near. It is to a new stance at the beginning of a phrase
-    and 1.2 to 3.4 seconds after the last one, and to rest where speech ends for long. At rest they move a little now
-    and then.
+    They move at each beat, and at a syllable where no beat is near. They move to a new stance at the beginning of a
+    phrase and 1.2 to 3.4 seconds after the last one, and to rest where speech ends for long. At rest they move a little
+    now and then.
     """
     hits = np.array([beat.hit for beat in beats])
     gaps = np.diff(syllables, append=np.inf)
@@ -151,7 +151,7 @@ def plan_moves(
 
 
 def _idle(start: float, end: float, rng: np.random.Generator) -> list[Move]:
-    """Draw moments between the beginning and the end of a rest."""
+    """Draw times of idle movements between the beginning and the end of a rest."""
     moments = start + np.cumsum(rng.uniform(*_IDLE, int(max(end - start, 0) / _IDLE[0]) + 1))
     return [Move(moment, False, "idle") for moment in moments[moments < end - 1]]
 
@@ -170,7 +170,7 @@ def draw_stances(moves: Sequence[Move], liveliness: np.ndarray, style: Style, rn
             new = drawn = _draw(last.name, lively, style, rng)
         else:
             arms = drawn.arms + _variation(_SHIFT * size * drawn.vigour, rng) * np.sqrt(hand_gains(style))[:, None]
-            if not move.is_beat:  # a hand that falls without a beat would look like one
+            if not move.is_beat:  # a hand that falls without a beat would look like a beat
                 arms[:, 1] = np.maximum(arms[:, 1], last.arms[:, 1])
             new = last._replace(arms=_within_reach(arms))
         lag = np.clip(rng.normal(0, 0.02, 2), -0.04, 0.04)
@@ -201,7 +201,7 @@ def _draw(before: str, lively: float, style: Style, rng: np.random.Generator) ->
 
 
 def _variation(size: float, rng: np.random.Generator) -> np.ndarray:
-    """Draw how two arms (2, 7) differ from those of the table, in part in the same way."""
+    """Draw the partly shared differences of two arms (2, 7) from those of the table."""
     shared, own = (rng.standard_normal((count, len(ARM))) for count in (1, 2))
     return size * _VARIATION * (np.sqrt(_SHARED) * shared + np.sqrt(1 - _SHARED) * own)
 
@@ -213,8 +213,8 @@ def _within_reach(arms: np.ndarray) -> np.ndarray:
 def arm_track(times: np.ndarray, stances: Sequence[Stance], side: int) -> np.ndarray:
     """Return `ARM` (T, 7) of an arm that moves from stance to stance by minimum jerk.
 
-    Where a stance is reached with a beat, the hand falls in the beat's stroke, so that a fall is no beat of its own,
-    and has risen before it.
+    If a stance is reached with a beat, the hand rises before and falls during the stroke of the beat, so that the fall
+    is not a beat of its own.
     """
     keys, slow, fast = [(-1.0, REST_ARM)], [(-1.0, REST_ARM[1])], [(-1.0, 0.0)]
     for stance in stances:

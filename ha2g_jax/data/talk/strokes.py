@@ -1,4 +1,4 @@
-"""Cues of speech and the strokes that they cause: syllables, loudness, pitch, phrases and words become key poses.
+"""Cues of speech and the strokes that they cause: key poses from syllables, loudness, pitch, phrases and words.
 
 Every level is relative to the recording's own loudness and noise floor, for recorded and for synthetic speech.
 """
@@ -23,7 +23,7 @@ _SILENT_DB = -60.0  # mean power of the loud frames, relative to full scale
 _MIN_PAUSE = 0.2
 _ACCENT_GAP = 0.6
 
-LATENCY = 0.06  # seconds that gestures are late or early at either end of the style's range
+LATENCY = 0.06  # seconds by which gestures are late or early at either end of the style's range
 _BEAT_GAP = 0.5
 WEAKEST_BEAT = 0.75
 _LIVELY_SECONDS = 4.0
@@ -38,7 +38,7 @@ class Cues(NamedTuple):
     Attributes:
         loudness: (n,) 0 at the noise floor, 1 at the loud syllables.
         nuclei: (k, 2) time and loudness of each syllable nucleus.
-        pitch: (n,) semitones above the speaker's middle pitch, smooth, held through unvoiced stretches.
+        pitch: (n,) semitones above the speaker's median pitch, smooth, held through unvoiced stretches.
         accents: (a, 2) time and size in semitones of each rise of the pitch to a peak.
         pauses: (p, 2) start and end of each pause between two phrases.
     """
@@ -111,7 +111,7 @@ def _pauses(loudness: np.ndarray) -> np.ndarray:
 
 class Beat(NamedTuple):
     """A beat of the hands, highest at the apex and lowest at the hit, in seconds, with the loudness of the syllable
-    that causes it and its pitch, in semitones above the speaker's middle pitch.
+    that causes it and its pitch, in semitones above the speaker's median pitch.
     """
 
     apex: float
@@ -132,7 +132,7 @@ class WordGesture(NamedTuple):
 
 
 def liveliness(cues: Cues, moments: np.ndarray) -> np.ndarray:
-    """Return how lively the speech is around moments (n,) in seconds: 1 on average, from 0.6 to 1.6.
+    """Return the liveliness of the speech around times (n,) in seconds: 1 on average, from 0.6 to 1.6.
 
     It is the spread of the loudness and of the pitch of the syllables within a few seconds.
     """
@@ -187,7 +187,7 @@ def plan_beats(cues: Cues, latency: float) -> tuple[Beat, ...]:
 def beat_keys(beats: Sequence[Beat], sizes: np.ndarray) -> list[tuple[float, np.ndarray]]:
     """Return the keys, for `track`, of the offsets of a hand that beats.
 
-    Each beat has an offset, a row of sizes (beats, D), at its apex; at the hit the hand is a little beyond rest.
+    The offset of each beat at its apex is a row of `sizes` (beats, D); at the hit the hand is a little beyond rest.
     """
     none = np.zeros(sizes.shape[1])
     keys = [(-1.0, none)]
@@ -249,7 +249,7 @@ def plan_posture(pauses: np.ndarray) -> list[tuple[float, float]]:
 
 
 def in_order(keys: list) -> list:
-    """Return keys whose times do not go back."""
+    """Return keys whose times never decrease: a time before an earlier one is set to it."""
     if not keys:
         return keys
     moments = np.maximum.accumulate([moment for moment, _ in keys])

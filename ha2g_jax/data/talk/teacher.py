@@ -1,4 +1,4 @@
-"""The teacher of the Talk corpus: a rule-based model of gestures to speech, with a known cause for every movement.
+"""The teacher of the Talk corpus: a rule-based generator of gestures with a known cause for every movement.
 
 | cause | level of speech | drives |
 |---|---|---|
@@ -7,9 +7,9 @@
 | pitch and pauses | middle | head, shoulders, spine |
 | class of a word | high | hand shape and the path of the arm |
 
-The speaker's style changes size, timing and side of all of it. Fingers never follow the sound and beats never follow
-the words, so that each association can be scored by itself. Moments follow from the speech; stances, and the hands,
-directions and part of the sizes of beats, are drawn.
+The speaker's style changes the size, timing and side of all movement. Fingers never follow the sound and beats never
+follow the words, so that each association can be scored by itself. Times follow from the speech; stances, and the
+hands, directions and part of the sizes of beats, are random.
 """
 
 from collections.abc import Sequence
@@ -31,18 +31,18 @@ SKELETON = "ted_expressive"
 _RATE = 60  # frames per second at which movement is composed
 _JITTER = 0.008  # standard deviation of the random part of the latency, in seconds
 _FOREARM, _SHOULDERS = 0.33, 0.42  # metres from elbow to wrist, and from shoulder to shoulder
-_LOW_PITCH = -0.3  # semitones from which down a beat is made by the other hand
+_LOW_PITCH = -0.3  # semitones at and below which the other hand makes a beat
 _WIDE_PITCH = 3.0  # semitones at which a beat goes far to the side
-_AVERAGE_BEAT = 0.05  # metres that the wrist is raised
+_AVERAGE_BEAT = 0.05  # metres by which the wrist is raised
 _AVERAGE_NOD = 4.0  # degrees
-_SHIFT_SIZE = 0.3  # of a shift within a stance, in that of a new stance
+_SHIFT_SIZE = 0.3  # size of a shift within a stance, relative to that of a new stance
 _ARM_SWAY = np.array([0.05, 0.006, 0.05, 4.0, 6.0, 4.0, 3.0])  # standard deviations of `stances.ARM` in speech
 _ARM_SWAY_SECONDS = {0.35: 0.9, 0.17: 0.45}
-_REST_SWAY = 0.12  # of it at rest
+_REST_SWAY = 0.12  # sway at rest, as a fraction of that in speech
 
 
 class Movement(NamedTuple):
-    """Movement of a body and its causes.
+    """Motion of a body and its causes.
 
     Attributes:
         positions: (T, 43, 3) float32 metres, y down, the spine at the origin.
@@ -56,10 +56,10 @@ class Movement(NamedTuple):
 def perform(
     audio: np.ndarray, words: Sequence[Word], style: Style, rng: np.random.Generator, fps: float = 15
 ) -> Movement:
-    """Make gestures to speech (samples,) at 16 kHz and its words, round(seconds * fps) frames of them.
+    """Make gestures for speech (samples,) at 16 kHz and its words, round(seconds * fps) frames of them.
 
-    The generator draws what does not follow from the speech: stances, the hands and directions of beats, sway. Audio of
-    zeros is rest.
+    `rng` determines what does not follow from the speech: stances, the hands and directions of beats, sway. Silent
+    audio gives rest.
     """
     skeleton = skeletons.load_skeleton(SKELETON)
     num_frames = round(len(audio) / strokes.SAMPLE_RATE * fps)
@@ -72,7 +72,7 @@ def perform(
 
 
 def _rounded(stroke: Stroke) -> Stroke:
-    """Return a stroke without the last bits of its numbers, which differ between processors."""
+    """Round the numbers of a stroke, because their last bits differ between processors."""
     time, start, end = (round(float(moment), 6) for moment in (stroke.time, stroke.start, stroke.end))
     return stroke._replace(time=time, start=start, end=end, amplitude=round(stroke.amplitude, 6))
 
@@ -119,7 +119,7 @@ def _arms(
     angles = np.zeros((len(times), 2, len(anatomy.ARM_LIMITS)))
     for side in range(2):
         arm, wrist, beat = arms[:, side], wrists[:, side], raised[:, side]
-        # An elbow is less outward where the hand is high or far to the side; the hand is behind in a beat.
+        # An elbow is less outward if the hand is high or far to the side; in a beat the hand lags behind.
         swivel = arm[:, 3] - 60 * (wrist[:, 1] + 0.4) - 80 * np.maximum(wrist[:, 0] - 0.1, -0.1)
         arm[:, 5] += np.rad2deg(1.5 * (_sample(beat[:, 1], np.arange(len(beat)) - 3) - beat[:, 1]) / _FOREARM)
         angles[:, side] = np.concatenate([anatomy.reach(skeleton, wrist, swivel), arm[:, 4:]], axis=-1)
@@ -142,7 +142,7 @@ def _arms(
 
 
 def _awake(times, stances) -> np.ndarray:
-    """Return how much the arms sway (T,): 1 in speech, less at rest."""
+    """Return the weight (T,) of the sway of the arms: 1 in speech, less at rest."""
     keys = [(-1.0, _REST_SWAY)]
     for stance in stances:
         keys += [(stance.start, keys[-1][1]), (stance.move.hit, _REST_SWAY if stance.name == REST else 1.0)]
@@ -150,8 +150,8 @@ def _awake(times, stances) -> np.ndarray:
 
 
 def _beat_offsets(found, beats, stances, style, rng) -> tuple[np.ndarray, np.ndarray]:
-    """Draw where each hand is at the apex of each beat (beats, 2, 3), in metres outward, up and forward, and choose the
-    hands (beats, 2) that make it.
+    """Draw the offset of each hand at the apex of each beat (beats, 2, 3), in metres outward, up and forward, and
+    choose the hands (beats, 2) that make it.
 
     The size grows with the loudness of the syllable. A stance has beats of both hands, of one, or in turns, where a
     syllable of low pitch moves the hand that is not dominant.
@@ -194,7 +194,7 @@ def _blend_gestures(arm, times, gestures, style, side) -> np.ndarray:
 
 
 def _clear_of_the_body(wrists: np.ndarray) -> np.ndarray:
-    """Keep wrists (T, 2, 3) where arms are at ease: side by side, and before the trunk if they cross it or are high."""
+    """Keep wrists (T, 2, 3) where arms are relaxed: side by side, and before the trunk if they cross it or are high."""
     outward, up, forward = np.moveaxis(wrists, -1, 0)
     between = _SHOULDERS + outward.sum(axis=1, keepdims=True)
     outward = -anatomy.at_least(-outward - (anatomy.at_least(between, 0.12) - between) / 2, -0.5)
