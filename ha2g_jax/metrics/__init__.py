@@ -1,6 +1,6 @@
-"""Metrics of motion: pure numpy functions of arrays, and the one table of all that are registered.
+"""Metrics of motion: pure numpy functions of arrays, and the table of all registered metrics.
 
-Motion with values that are not numbers scores NaN, or is refused with a ValueError where beats are sought.
+Motion with values that are not numbers scores NaN; functions that detect beats raise a ValueError.
 A new metric is one file that defines a `Metric`, an import here, and one line in `_REGISTERED`.
 """
 
@@ -62,7 +62,7 @@ if len(METRICS) < len(_REGISTERED):
 
 
 def lookup(name: str) -> Metric:
-    """Return the registered metric of a name.
+    """Return the registered metric with a name.
 
     Raises:
         UserError: no metric is registered under that name.
@@ -73,5 +73,5 @@ def lookup(name: str) -> Metric:
 
 
 def of_section(section: Section) -> dict[str, Metric]:
-    """Return the metrics whose scores stand in one section of the results, in the order of the columns."""
+    """Return the metrics whose scores belong to one section of the results, in the order of the columns."""
     return {name: metric for name, metric in METRICS.items() if metric.section == section}

@@ -1,4 +1,4 @@
-"""Scores of a motion whose causes are known: strokes met, hand shapes at words, the style that was asked for."""
+"""Scores of a motion whose causes are known: matched strokes, hand shapes at words, and the requested style."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -14,18 +14,18 @@ SHAPE_WINDOW = (-0.1, 0.2)  # seconds around the moment of the gesture in which 
 
 
 class CauseRow(NamedTuple):
-    """What is found in n motions whose causes are known; a row may lack any part of it, which is then empty.
+    """Measurements of n motions whose causes are known; a row may lack any of them, which are then empty.
 
     Attributes:
         counts: (n, 4) rows of `strokes.Matches`.
-        mismatched: (k n, 4) the same of k motions for other clips, clip by clip: the chance level.
-        seconds: (n,) length of what is scored.
+        mismatched: (k n, 4) the same for k motions of other clips, clip by clip: the chance level.
+        seconds: (n,) length of the scored part.
         clips: (n,) id of each clip.
-        shapes: (words, 2) class of the hand shape that is shown and class of the word, of each gesture-bearing word.
-        flexions: (words, 2, 5) flexion of the fingers that is shown and that of the word's class, mean over the hands.
+        shapes: (words, 2) class of the shown hand shape and class of the word, for each gesture-bearing word.
+        flexions: (words, 2, 5) shown flexion of the fingers and that of the word's class, mean over the hands.
         word_clips: (words,) id of the clip of each word.
-        seen: (n, 2) amplitude and handedness that are seen.
-        asked: (n, 2) amplitude and handedness that were asked for.
+        seen: (n, 2) measured amplitude and handedness.
+        asked: (n, 2) requested amplitude and handedness.
         speakers: (n,) name of each clip's speaker.
         takes: (m, 3) rows of `takes.TakeDistances` of some clips.
     """
@@ -43,7 +43,7 @@ class CauseRow(NamedTuple):
     takes: np.ndarray = np.zeros((0, 3))
 
     def take(self, kept: np.ndarray) -> "CauseRow":
-        """Return the row of those motions that a mask (n,) keeps; `takes` stays whole."""
+        """Return the row of those motions that a mask (n,) keeps; `takes` stays complete."""
         words = np.isin(self.word_clips, self.clips[kept])
         masks: dict[str, np.ndarray] = dict.fromkeys(("shapes", "flexions", "word_clips"), words)
         masks["mismatched"] = np.repeat(kept, len(self.mismatched) // max(len(kept), 1))
@@ -77,25 +77,24 @@ def hand_shape(shown: np.ndarray, shapes: np.ndarray) -> int:
 
 
 def expected_match(predicted: np.ndarray, true: np.ndarray) -> float:
-    """Return the ratio of words that match when the predictions are shuffled: sum over classes of p(c) q(c)."""
+    """Return the expected fraction of words that match when predictions are shuffled: the sum of p(c) q(c) over c."""
     names = np.unique(np.concatenate([predicted, true]))
     return float(sum(np.mean(predicted == name) * np.mean(true == name) for name in names))
 
 
 def finger_correlation(flexions: np.ndarray) -> float:
-    """Return the correlation over words and fingers of the flexion that is shown with that of the word's class.
+    """Return the correlation over words and fingers of the shown flexion with that of the word's class.
 
     The mean of each finger of the flexions (words, 2, 5), shown and of the class, is subtracted first, so that a pose
-    that is the same at all words has no correlation. It sees hands that move a part of the way to a shape, where the
-    nearest shape is still that of a resting hand.
+    that is the same at all words has no correlation. Unlike the nearest shape, which is then still that of a resting
+    hand, it detects hands that move part of the way to a shape.
     """
     centred = flexions - flexions.mean(axis=0, keepdims=True)
     return correlation(centred.swapaxes(1, 2).reshape(-1, 2))
 
 
 def movement(wrists: np.ndarray, fps: float) -> tuple[float, float]:
-    """Measure amplitude and handedness of a motion, as they can be seen, from positions (T, 2, 3) of the left and right
-    wrist.
+    """Measure the visible amplitude and handedness of a motion, from positions (T, 2, 3) of the left and right wrist.
 
     They are the mean speed of the faster wrist in m/s, and (right - left) / (right + left) of the mean speeds, 0 at
     rest. (Of simple measures of amplitude this one follows the style of the teacher of the Talk corpus best: r = 0.79.)
@@ -108,7 +107,7 @@ def movement(wrists: np.ndarray, fps: float) -> tuple[float, float]:
 def gain(
     own: np.ndarray, mismatched: np.ndarray, clips: np.ndarray, statistic: Callable[[np.ndarray], float] = f1
 ) -> Estimate:
-    """Compute a score less the chance level, with the standard error of the paired difference, by clip.
+    """Compute a score minus the chance level, with the standard error over clips of the paired difference.
 
     The rows (clips, 4) of `strokes.Matches` are compared with those (k clips, 4) of k motions for other clips, clip by
     clip; without any the result is NaN. The statistic is a function of such rows.
@@ -146,7 +145,7 @@ def _finger_correlation(row: CauseRow) -> Estimate | None:
 
 
 def _style(column: int) -> Callable[[CauseRow], Estimate | None]:
-    """Return a measure: correlation over clips of what is asked for with what is seen, the error by speaker."""
+    """Return a measure: the correlation over clips of the requested and the measured value, with error by speaker."""
 
     def measure(row: CauseRow) -> Estimate | None:
         pairs = np.stack([row.seen[:, column], row.asked[:, column]], axis=1)

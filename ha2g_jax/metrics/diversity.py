@@ -1,4 +1,4 @@
-"""Diversity: distance between the gestures of a set in the latent space of the pose auto-encoder."""
+"""Diversity: the distance between the gestures of a set in the latent space of the pose auto-encoder."""
 
 import functools
 from collections.abc import Callable
@@ -29,9 +29,9 @@ def diversity(
 ) -> Draws:
     """Compute the mean distance between gestures of different recordings, in random draws of pairs (Tables 1 and 12).
 
-    Pairs are unordered and distinct within a draw, and never of one recording, whose overlapping windows differ little.
-    All pairs are equally likely. Where there are no more than `num_pairs`, each draw has them all. The latents are (n,
-    d), the labels of their recordings (n,), and the L1 and L2 distances (num_draws,) each.
+    Pairs are unordered, distinct within a draw, and never of one recording, whose overlapping windows differ little.
+    All pairs are equally likely. If there are at most `num_pairs`, each draw has them all. The latents are (n, d), the
+    labels of their recordings (n,), and the L1 and L2 distances (num_draws,) each.
 
     Raises:
         ValueError: not as many labels as latents.
@@ -105,7 +105,7 @@ def _draws(index: int) -> Callable[[Row], np.ndarray | None]:
 
 
 def _multimodality(row: Row) -> Statistic | None:
-    """Return the distance between the motions for one and the same speech; None where no clip has several."""
+    """Return the distance between motions for the same speech; None where no clip has several."""
     latents = row.once(row_latents)
     if latents is None:
         return None

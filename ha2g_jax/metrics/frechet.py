@@ -9,11 +9,11 @@ from ha2g_jax.metrics.metric import LIKENESS, Metric, Score, Statistic
 from ha2g_jax.metrics.row import FGD_CUT, FGD_SEEDED_CUT, Latents, Row, row_latents
 
 NUM_HALVES = 20  # random divisions of ground truth
-SAMPLES_PER_DIMENSION = 10  # below, the bias of the distance is of the order of what it should measure
+SAMPLES_PER_DIMENSION = 10  # with fewer, the bias of the distance is about as large as the distance
 
-_NUM_LINES = 5  # through random subsets, whose intercepts are averaged
-_NUM_SIZES = 15  # of subsets, from which the distance of sets without end is extrapolated
-_CLOSE = 1e-4  # ratio to the traces below which their difference has lost digits that matter
+_NUM_LINES = 5  # lines through random subsets, whose intercepts are averaged
+_NUM_SIZES = 15  # sizes of subsets, from which the distance of infinite sets is extrapolated
+_CLOSE = 1e-4  # ratio to the traces below which their difference has lost significant digits
 
 
 class Moments(NamedTuple):
@@ -47,9 +47,10 @@ def distance(a: Moments, b: Moments) -> float:
         |mu1 - mu2|^2 + tr S1 + tr S2 - 2 tr sqrt(S1^1/2 S2 S1^1/2)
 
     With factors F F^T = S, the last trace is the sum of the singular values of F1^T F2 = P D Q^T. Where sets are so
-    close that little is left of the three traces, |F1 P - F2 Q|^2 takes their place, which is the same number: it
-    subtracts matrices, not large traces, so that it is never negative, and singular covariances cost no accuracy. What
-    is below the rounding of the traces is 0, so that equal sets are at 0 in whatever chunks they were gathered.
+    close that the three traces nearly cancel, |F1 P - F2 Q|^2 replaces them, which is the same number: it subtracts
+    matrices, not large traces, so that it is never negative, and singular covariances cost no accuracy. A distance
+    below the rounding error of the traces is 0, so that equal sets have distance 0 in whatever chunks they were
+    gathered.
 
     Returns:
         The distance in squared units of the latents; NaN if a set has fewer than two members.
@@ -78,8 +79,8 @@ def distance(a: Moments, b: Moments) -> float:
 def half_split_floor(latents: np.ndarray, recordings: np.ndarray, *, num_draws: int = 10, seed: int = 0) -> np.ndarray:
     """Compute the distances (num_draws,) between halves of a set, below which no FGD can be expected to fall.
 
-    Whole recordings, the labels (n,) of the latents (n, d), go to either half, in random order until about half of the
-    latents are dealt. NaN with fewer than two recordings or where a half has fewer than two latents.
+    Whole recordings, the labels (n,) of the latents (n, d), are assigned in random order to the first half until it has
+    about half of the latents. NaN with fewer than two recordings or where a half has fewer than two latents.
     """
     labels, members, sizes = np.unique(np.asarray(recordings), return_inverse=True, return_counts=True)
     if len(labels) < 2:
@@ -97,13 +98,13 @@ def half_split_floor(latents: np.ndarray, recordings: np.ndarray, *, num_draws: 
 
 
 def extrapolate(generated: np.ndarray, real: np.ndarray, *, seed: int = 0) -> float:
-    """Estimate the distance of sets without end, as the intercept of a line through FGD against 1/n.
+    """Estimate the distance of infinite sets, as the intercept of a line through FGD against 1/n.
 
-    Chong and Forsyth 2020 (FID infinity): the bias of the distance falls as 1/n, so that it can be read off subsets of
-    several sizes n, evenly spaced from a tenth (but at least 2 d, and at most a half) to the whole of the smaller set
-    of latents (n, d) and (m, d). Where m = n, both sets lose the same rows, as they may be two motions to one speech.
-    The mean intercept of lines through random subsets is returned. The bias that comes of few recordings stays. May be
-    slightly negative; NaN with fewer than 4 latents in a set.
+    Chong and Forsyth 2020 (FID infinity): the bias of the distance falls as 1/n, so that it can be estimated from
+    subsets of several sizes n, evenly spaced from a tenth (but at least 2 d, and at most a half) to the whole of the
+    smaller set of latents (n, d) and (m, d). If m = n, both subsets have the same rows, as the sets may be two motions
+    for the same speech. The result is the mean intercept of lines through random subsets. The bias due to few
+    recordings remains. It may be slightly negative; NaN with fewer than 4 latents in a set.
     """
     generated, real = np.asarray(generated), np.asarray(real)
     most = min(len(generated), len(real))
@@ -122,7 +123,7 @@ def extrapolate(generated: np.ndarray, real: np.ndarray, *, seed: int = 0) -> fl
 
 
 def _factor(covariance: np.ndarray) -> np.ndarray:
-    """Return F with F F^T = S: Cholesky's, or of a singular S the symmetric root, negative eigenvalues clipped at 0."""
+    """Return F with F F^T = S: Cholesky's, or for singular S the symmetric root, with negative eigenvalues set to 0."""
     try:
         return np.linalg.cholesky(covariance)
     except np.linalg.LinAlgError:
@@ -131,11 +132,11 @@ def _factor(covariance: np.ndarray) -> np.ndarray:
 
 
 class RecordingMoments:
-    """Moments of latents by recording, from which those of any draw of recordings follow at once."""
+    """Moments of latents by recording, from which those of any draw of recordings are computed quickly."""
 
     def __init__(self, latents: Latents, num_recordings: int):
         self.num_recordings = num_recordings
-        self._centre = latents.latents.mean(axis=0)  # so that what is subtracted below is small
+        self._centre = latents.latents.mean(axis=0)  # so that the terms subtracted below are small
         dim = latents.latents.shape[1]
         self._sizes, self._sums = np.zeros(num_recordings), np.zeros((num_recordings, dim))
         self._squares = np.zeros((num_recordings, dim * dim))
@@ -145,7 +146,7 @@ class RecordingMoments:
             self._squares[member] = (own.T @ own).reshape(-1)
 
     def pool(self, counts: np.ndarray) -> Moments:
-        """Return the moments of the latents of recordings that are drawn `counts` (recordings,) times each."""
+        """Return the moments of the latents if each recording is drawn `counts` (recordings,) times."""
         size = float(counts @ self._sizes)
         if not size:
             return Moments(0, self._centre, np.zeros((len(self._centre),) * 2))
@@ -160,17 +161,17 @@ def _row_moments(row: Row) -> RecordingMoments | None:
 
 
 def _true_moments(row: Row) -> RecordingMoments | None:
-    """Return the moments of a row, those of ground truth where the motion is the true one."""
+    """Return the moments of a row, the cached ones of ground truth if its motion is the true one."""
     is_true = row.directions is row.reference.directions
     return (row.reference.truth if is_true else row).once(_row_moments)
 
 
 def _distance_to_truth(row: Row, cut: str) -> Statistic | None:
-    """Return the FGD of a row, None where windows are cut in another way; a draw takes the same recordings of both."""
+    """Return the FGD of a row, None if windows are cut differently; a draw takes the same recordings of both sets."""
     latents, own, true = row.once(row_latents), row.once(_true_moments), row.reference.truth.once(_true_moments)
     if latents is None or own is None or true is None or latents.cut.name != cut:
         return None
-    if own is true:  # which would be 0 a thousand times
+    if own is true:  # all draws would be 0
         every = np.ones(own.num_recordings)
         value = distance(own.pool(every), true.pool(every))
         return lambda counts: value

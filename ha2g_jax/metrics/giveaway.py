@@ -1,7 +1,7 @@
 """What gives motion away: how well a linear classifier tells a system from a person by features of 5 s of motion.
 
-The value is the area under the ROC curve on recordings that the classifier has not seen: 0.5 cannot be told apart, 1 is
-told apart every time. It is that of groups of features, so that it shows where motion differs from a person's.
+The value is the area under the ROC curve on recordings that the classifier has not seen: at 0.5 they cannot be told
+apart, at 1 always. There is a value for each group of features, so that they show how motion differs from a person's.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,21 +24,21 @@ from ha2g_jax.metrics.metric import GIVEAWAY, Metric, Score
 from ha2g_jax.metrics.row import Row, mean_by_recording
 from ha2g_jax.metrics.uncertainty import Estimate, jackknife
 
-WINDOW, HOP = 5.0, 2.5  # seconds of a window and from one to the next
+WINDOW, HOP = 5.0, 2.5  # length of a window and distance to the next, in seconds
 MAX_FOLDS = 20  # parts that the recordings are divided into; each is left out once
 BLOCKS = 5  # parts of the time of one recording, if there is only one
 BANDS = (0.2, 0.6, 1.2, 2.4)  # Hz, lower edges of the bands of the speed's spectrum
 
 _FEWEST = 4  # windows that a classifier is trained on
-_SMALL = 1e-3  # metres, m/s, degrees: the logarithm of a quantity does not fall below that of this
+_SMALL = 1e-3  # metres, m/s, degrees: smaller quantities are replaced by this in logarithms
 _AXES = ("lateral", "vertical", "depth")
-_OUTWARD = np.array([[1.0, 1, 1], [-1, 1, 1]])  # by hand: x away from the body
+_OUTWARD = np.array([[1.0, 1, 1], [-1, 1, 1]])  # for each hand, so that x points away from the body
 
 Features = dict[str, float]
 
 
 def bimanual(body: UpperBody) -> Features:
-    """Return how the two hands go together."""
+    """Return how the two hands move together."""
     speeds, distances = body.speeds, hand_distances(body) / 100
     mirrored = np.diff(body.wrists, axis=0) * _OUTWARD
     means = np.sort(speeds.mean(axis=0))
@@ -62,7 +62,7 @@ def extent(body: UpperBody) -> Features:
 
 
 def place(body: UpperBody) -> Features:
-    """Return where the wrists are, from the middle of the shoulders on."""
+    """Return where the wrists are, relative to the middle of the shoulders."""
     places = _to_shoulders(body) * _OUTWARD
     heights = {
         f"{name} height": float(np.quantile(places[..., 1].mean(axis=1), quantile))
@@ -119,7 +119,7 @@ def head_and_trunk(body: UpperBody) -> Features:
 
 
 def smoothness(body: UpperBody) -> Features:
-    """Return jerk of the wrists, and how it goes with acceleration and speed."""
+    """Return the jerk of the wrists, and how it relates to acceleration and speed."""
     sizes = []
     for order in (1, 2, 3):
         differences = np.diff(body.wrists, n=order, axis=0) * body.fps**order
@@ -162,7 +162,7 @@ def _to_shoulders(body: UpperBody) -> np.ndarray:
 
 
 def _of_hands(name: str, values: np.ndarray) -> Features:
-    """Name values (hands, axes) by axis and by the hand with the lesser and that with the greater value."""
+    """Name values (hands, axes) by axis, and by whether a hand has the smaller or the larger value."""
     values = np.sort(values, axis=0)
     return {
         f"{axis} {name}, {which}": float(values[hand, number])
@@ -172,7 +172,7 @@ def _of_hands(name: str, values: np.ndarray) -> Features:
 
 
 class Windows(NamedTuple):
-    """Features (n, features) of windows; the clip, the recording and the start in seconds (n,) of each."""
+    """Features (n, features) of windows, and the clip, the recording and the start in seconds (n,) of each."""
 
     features: np.ndarray
     clips: np.ndarray
@@ -194,7 +194,7 @@ def feature_names() -> list[tuple[str, str]]:
 
 
 def windows_of(bodies: Sequence[UpperBody], clips: np.ndarray, recordings: np.ndarray) -> Windows:
-    """Return the windows of motions, given the index of the clip and of the recording (n,) of each."""
+    """Return the windows of motions, given the index of the clip and of the recording of each motion, (n,)."""
     features, owners, starts = [], [], []
     for number, body in enumerate(bodies):
         length, hop = round(WINDOW * body.fps), round(HOP * body.fps)
@@ -219,8 +219,8 @@ def held_out_areas(person: Windows, system: Windows, group: str = ALL) -> Areas 
     """Return the areas by which a system is told from a person in recordings that the classifier has not seen.
 
     The classifier is linear discriminant analysis with shrinkage, trained without one recording, or one of `MAX_FOLDS`
-    parts of many, and tested on it. If all is of one recording, `BLOCKS` of its time take the place of recordings, and
-    windows that overlap the tested block are not trained on. None where there are too few windows.
+    parts of many, and tested on it. With only one recording, `BLOCKS` parts of its time replace the recordings, and
+    windows that overlap the tested block are not trained on. None if there are too few windows.
     """
     sides = (person, system)
     units, used, found = [_unit_of(side, person) for side in sides], columns(group), []
@@ -240,7 +240,7 @@ def held_out_areas(person: Windows, system: Windows, group: str = ALL) -> Areas 
 
 
 def told_apart(person: Windows, system: Windows, group: str = ALL) -> Estimate | None:
-    """Return the mean of `held_out_areas` by windows and its standard error, that of the jackknife."""
+    """Return the mean of `held_out_areas`, weighted by windows, and its standard error by the jackknife."""
     areas = held_out_areas(person, system, group)
     if areas is None:
         return None
@@ -252,7 +252,7 @@ def told_apart(person: Windows, system: Windows, group: str = ALL) -> Estimate |
 
 
 def _unit_of(windows: Windows, person: Windows) -> np.ndarray:
-    """Return what each window is left out with: its recording, or a block of time of the person's only one."""
+    """Return the unit that each window is left out with: its recording, or a block of time of the only recording."""
     if _has_many(person):
         return windows.recordings
     keys = np.unique(np.stack([person.clips, person.starts], axis=1), axis=0).tolist()
@@ -261,7 +261,7 @@ def _unit_of(windows: Windows, person: Windows) -> np.ndarray:
 
 
 def _near(windows: Windows, person: Windows, is_tested: np.ndarray) -> np.ndarray:
-    """Return whether windows belong to the recordings that are tested, or overlap what is tested of the only one."""
+    """Return whether windows belong to the tested recordings, or overlap the tested part of the only recording."""
     if _has_many(person):
         return np.isin(windows.recordings, person.recordings[is_tested])
     is_same = windows.clips[:, None] == person.clips[is_tested][None]
@@ -276,7 +276,7 @@ def discriminant(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Return the weights (d,) of linear discriminant analysis between samples (n, d) and (m, d).
 
     The covariance within the two sides, of features scaled to unit variance, is shrunk toward the identity by the rule
-    of Ledoit and Wolf (2004). A feature that does not vary has a small variance of its own.
+    of Ledoit and Wolf (2004). A feature that does not vary is given a small variance.
     """
     means = [side.mean(axis=0) for side in (first, second)]
     centred = np.concatenate([side - mean for side, mean in zip((first, second), means, strict=True)])
@@ -302,7 +302,7 @@ def _row_windows(row: Row) -> Windows:
 
 
 def is_tested_by_time(truth: Row) -> bool:
-    """Return whether windows of ground truth are of one recording, so that blocks of its time are held out."""
+    """Return whether all windows of ground truth are of one recording, so that blocks of its time are held out."""
     return len(np.unique(truth.once(_row_windows).recordings)) == 1
 
 

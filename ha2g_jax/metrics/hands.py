@@ -1,7 +1,7 @@
-"""Where and how the hands and the head move: speed, both or one, spread, distance, repetition.
+"""Where and how the hands and the head move: speed, use of one or both hands, spread, distance, repetition.
 
-No value is better for being higher or lower: each is to be held against that of a person on the same speech. Calibrated
-on recordings of two people; a hand counts as moving from `MOVING` on.
+Neither high nor low values are better: compare each with that of a person for the same speech. The metrics were
+calibrated on recordings of two people; a hand counts as moving if its speed is at least `MOVING`.
 """
 
 from collections.abc import Callable
@@ -15,7 +15,7 @@ from ha2g_jax.metrics.row import SEED_FRAMES, Row, mean_over_clips
 from ha2g_jax.skeleton import Skeleton
 
 MOVING = 0.15  # m/s
-SEGMENT = 2.0  # seconds of a segment that is compared with the others
+SEGMENT = 2.0  # length in seconds of a segment that is compared with the others
 
 
 class UpperBody(NamedTuple):
@@ -23,9 +23,9 @@ class UpperBody(NamedTuple):
 
     Attributes:
         wrists: (T, 2, 3) positions of the left and the right wrist.
-        shoulders: (T, 2, 3) the same of the shoulders.
-        trunk: (T, 3) from the spine to the neck.
-        head: (T, 3) from the neck to the nose.
+        shoulders: (T, 2, 3) positions of the shoulders.
+        trunk: (T, 3) vector from the spine to the neck.
+        head: (T, 3) vector from the neck to the nose.
         fps: frames per second.
     """
 
@@ -59,22 +59,22 @@ def upper_body(skeleton: Skeleton, positions: np.ndarray, fps: float) -> UpperBo
 
 
 def slower_wrist(body: UpperBody) -> float:
-    """Return the mean speed in m/s of the wrist that has the lesser one."""
+    """Return the mean speed in m/s of the slower wrist."""
     return float(body.speeds.mean(axis=0).min())
 
 
 def both_moving(body: UpperBody) -> float:
-    """Return the ratio of frames in which both hands move."""
+    """Return the fraction of frames in which both hands move."""
     return float((body.speeds > MOVING).all(axis=1).mean())
 
 
 def one_moving(body: UpperBody) -> float:
-    """Return the ratio of frames in which exactly one hand moves."""
+    """Return the fraction of frames in which exactly one hand moves."""
     return float(((body.speeds > MOVING).sum(axis=1) == 1).mean())
 
 
 def lateral_spread(body: UpperBody) -> float:
-    """Return the standard deviation in cm of a wrist to the side, mean over the wrists."""
+    """Return the standard deviation in cm of the lateral position of a wrist, the mean over the wrists."""
     return float(100 * body.wrists[..., 0].std(axis=0).mean())
 
 
@@ -84,10 +84,10 @@ def hand_distances(body: UpperBody) -> np.ndarray:
 
 
 def nearest_segment(body: UpperBody) -> float:
-    """Return the distance in cm of segments of 2 s to the most similar other one, mean over the segments.
+    """Return the distance in cm from a segment of 2 s to the most similar other one, the mean over the segments.
 
     The segments do not overlap; the distance of two is the mean over frames and wrists. It falls with the length of the
-    motion: compare motions of equal length. NaN where there are not two segments.
+    motion: compare motions of equal length. NaN with fewer than two segments.
     """
     length = round(SEGMENT * body.fps)
     count = len(body.wrists) // length
@@ -128,13 +128,13 @@ _MEASURES: tuple[tuple[str, str, str, int, Callable[[UpperBody], float]], ...] =
 
 
 def row_bodies(row: Row) -> list[UpperBody]:
-    """Return the upper body of each motion of a row without the seed pose."""
+    """Return the upper body of each motion of a row, without the seed pose."""
     reference = row.reference
     return [upper_body(reference.skeleton, places[SEED_FRAMES:], reference.fps) for places in row.positions]
 
 
 def _over_clips(function: Callable[[UpperBody], float]) -> Callable[[Row], Statistic]:
-    """Return a measure: the mean over the motions by frames."""
+    """Return a measure: the mean over the motions, weighted by frames."""
     return lambda row: mean_over_clips(row, [function(body) for body in row.once(row_bodies)], row.num_scored)
 
 

@@ -1,7 +1,7 @@
-"""Movement without regard to the speech: acceleration, jerk, spread, speeds, and angles beyond those of training.
+"""Kinematics, regardless of the speech: acceleration, jerk, spread, speeds, and angles beyond those of training.
 
-Other evaluations report these (GENEA, Audio2Gestures). None is a score of quality: a value means something beside that
-of the real motion. All joints that are given count; units are those of the positions.
+Other evaluations report these (GENEA, Audio2Gestures). None is a score of quality: compare a value with that of the
+real motion. All given joints count; units are those of the positions.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,13 +16,13 @@ from ha2g_jax.skeleton import joint_angles
 NUM_BINS = 50
 NUM_HALVES = 20  # random divisions of ground truth
 
-STILL = 1e-5  # units a second below which a joint does not move: the rounding of float32 positions
+STILL = 1e-5  # units per second below which a joint does not move: the rounding error of float32 positions
 
 QUANTILES = (0.001, 0.999)
 
-_BEYOND = 1 + 1e-4  # times the greatest speed: from there on a speed is beyond the last bin, not a rounding of it
+_BEYOND = 1 + 1e-4  # times the greatest speed: only above this is a speed beyond the last bin, not a rounding error
 
-_ROUNDING = 1e-6  # radians by which an angle may lie outside: two ways of rounding the same pose
+_ROUNDING = 1e-6  # radians by which an angle may lie outside, because the same pose may be rounded differently
 _RIGID = np.deg2rad(0.5)  # range of an angle that does not bend in the training motion
 
 
@@ -41,9 +41,9 @@ def jerk(positions: np.ndarray, fps: float) -> float:
 
 
 def l1_diversity(values: np.ndarray) -> float:
-    """Compute the spread of a sequence around the mean, (1/T) sum_t sum_d |x_td - mean_t x_d| (Audio2Gestures, 2021).
+    """Compute the spread of a sequence around its mean, (1/T) sum_t sum_d |x_td - mean_t x_d| (Audio2Gestures, 2021).
 
-    It is in units of the values (T, ...), 0 for motion that stands still; NaN without a frame.
+    It is in units of the values (T, ...), 0 for motion that stands still, and NaN without a frame.
     """
     if not len(values):
         return np.nan
@@ -73,7 +73,7 @@ def _by_frames(function: Callable[..., float]) -> Callable[[Row], Statistic]:
 
 
 def _over_truth(measure: Callable[[Row], Statistic]) -> Callable[[Row], Statistic]:
-    """Return a measure: the value of a row over that of ground truth."""
+    """Return a measure: the value of a row divided by that of ground truth."""
     return lambda row: ratio(measure(row), row.reference.truth.once(measure))
 
 
@@ -94,7 +94,8 @@ JERK_RATIO = Metric("jerk_ratio", "jerk / truth", "", "none", BEATS, 2, _over_tr
 def speed_edges(reference: Sequence[np.ndarray], fps: float, *, bins: int = NUM_BINS) -> np.ndarray:
     """Return upper edges (joints, bins) at the quantiles 1/bins, 2/bins, ..., 1 of the speeds of clips (T, joints, 3).
 
-    The last one is above the greatest speed by 1e-4 of it, so that the same motion in another format is not beyond it.
+    The last one is larger than the greatest speed by a factor of 1 + 1e-4, so that the same motion in another format is
+    not beyond it.
 
     Raises:
         ValueError: positions of another shape.
@@ -110,9 +111,9 @@ def speed_edges(reference: Sequence[np.ndarray], fps: float, *, bins: int = NUM_
 def speed_counts(positions: np.ndarray, edges: np.ndarray, fps: float) -> np.ndarray:
     """Count the speeds of each joint of one clip (T, joints, 3); the counts of clips add up.
 
-    The edges, (bins,) or (joints, bins), are ascending upper edges, each within its bin, in units of the positions a
-    second. The counts (joints, 1 + bins + 1) are those of standing still, of each bin, and of what lies beyond the
-    last.
+    The edges, (bins,) or (joints, bins), are ascending upper edges, which belong to their bins, in units of the
+    positions per second. The counts (joints, 1 + bins + 1) are those of standing still, of each bin, and of speeds
+    beyond the last.
 
     Raises:
         ValueError: positions of another shape.
@@ -138,7 +139,7 @@ def histogram_distance(counts: np.ndarray, reference: np.ndarray) -> float:
     """
     if counts.shape != reference.shape:
         raise ValueError(f"counts of the shapes {counts.shape} and {reference.shape}; expected the same")
-    # Standing still belongs to the first bin, which holds the slowest; it is counted apart only to find dead joints.
+    # Standing still belongs to the first bin, that of the slowest; it is counted separately only to find dead joints.
     parts = []
     for side in (counts, reference):
         if not side.sum():
@@ -151,7 +152,7 @@ def histogram_distance(counts: np.ndarray, reference: np.ndarray) -> float:
 
 
 def _speeds(positions: np.ndarray, fps: float) -> np.ndarray:
-    """Return the speeds (frames - 1, joints); 0 below the rounding of positions."""
+    """Return the speeds (frames - 1, joints); those below the rounding error of positions are 0."""
     speeds = _differences(positions, 1, fps)
     return np.where(speeds < STILL, 0, speeds)
 
@@ -200,7 +201,7 @@ class Limits(NamedTuple):
 
 
 class Violations(NamedTuple):
-    """Ratios of frames with an angle beyond its limits: mean over angles, of the worst angle, and of any of them."""
+    """Fractions of frames with an angle beyond its limits: the mean over angles, the worst angle, and any angle."""
 
     mean: float
     worst: float
@@ -214,7 +215,7 @@ def training_limits(angles: np.ndarray) -> Limits:
 
 
 def violation_counts(angles: np.ndarray, limits: Limits) -> np.ndarray:
-    """Count the violations of one clip, from which the ratios of any set of clips follow.
+    """Count the violations of one clip, from which the fractions for any set of clips are computed.
 
     The angles (T, pairs) in radians are those of float64 directions. The counts (2 + pairs,) are numbers of frames, of
     frames with any angle outside, and of frames with each angle outside.
@@ -234,7 +235,7 @@ def violations(counts: np.ndarray) -> Violations:
 
 
 def _usual_limits(reference: Reference) -> Limits:
-    """Return the limits of the training motion; none where an angle is rigid, which the least change would break."""
+    """Return the limits of the training motion; rigid angles have none, because any change would violate them."""
     clips = [joint_angles(reference.skeleton, np.asarray(clip, np.float64)) for clip in reference.training]
     low, high = training_limits(np.concatenate(clips))
     is_rigid = high - low < _RIGID

@@ -1,8 +1,8 @@
 """FGD, Diversity, beat consistency and errors by the rules of the public release, for comparison with old tables only.
 
-The rules are kept with their faults. The metrics of legacy_v1 are of windows of 34 frames, seed pose included,
-from the first frame of each clip on and without overlap; the last partial batch of 32 is dropped. Vectors are of unit
-length here, which the output of a network is not.
+The rules are kept with their faults. The metrics of legacy_v1 use windows of 34 frames, including the seed pose, from
+the first frame of each clip on and without overlap; the last partial batch of 32 is dropped. Vectors have unit length
+here, unlike the output of a network.
 """
 
 import logging
@@ -52,9 +52,10 @@ class LegacyErrors(NamedTuple):
 def legacy_distance(generated: np.ndarray, real: np.ndarray) -> float:
     """Compute the FGD of latents (n, d) and (m, d), read in float32, by the rules of the release.
 
-    Means in float32, covariances (n - 1) in float64, the general square root of S1 S2 by a Schur decomposition. If the
-    root is not finite, 1e-6 is added to both diagonals and the root taken again. A complex root counts by its real part
-    unless its diagonal has an imaginary part above 1e-3. What still fails scores 1e10.
+    Means are computed in float32, covariances (n - 1) in float64, and the general square root of S1 S2 by a Schur
+    decomposition. If the root is not finite, 1e-6 is added to both diagonals and the root is taken again. The real part
+    of a complex root is used unless its diagonal has an imaginary part above 1e-3. If this fails too, the score is
+    1e10.
     """
     generated, real = np.asarray(generated, np.float32), np.asarray(real, np.float32)
     if min(len(generated), len(real)) < 2 or not (np.isfinite(generated).all() and np.isfinite(real).all()):
@@ -79,11 +80,11 @@ def legacy_feature_distance(generated: np.ndarray, real: np.ndarray) -> float:
 
 
 def legacy_diversity(latents: np.ndarray, batch_size: int, seed: int) -> float:
-    """Compute the diversity by the rules of the release: whole batches against whole batches.
+    """Compute the diversity by the rules of the release, which pair whole batches.
 
-    The first 500 batches of the latents (n, d), in the order of the loader, meet the first 500 of a random permutation
-    of all batches, row by row. The value, the mean L1 distance over the rows, depends on the batch size, and a batch
-    may meet itself. The last, partial batch is dropped; NaN without a whole one.
+    The first 500 batches of the latents (n, d), in the order of the loader, are paired row by row with the first 500 of
+    a random permutation of all batches. The value, the mean L1 distance over the rows, depends on the batch size, and a
+    batch may be paired with itself. The last, partial batch is dropped; NaN without a whole one.
     """
     num_batches = len(latents) // batch_size
     if not num_batches:
@@ -97,8 +98,8 @@ def legacy_diversity(latents: np.ndarray, batch_size: int, seed: int) -> float:
 def legacy_errors(generated: np.ndarray, real: np.ndarray) -> LegacyErrors:
     """Compute the errors of reconstruction by the rules of the release, means over everything.
 
-    Bones keep the length of their vectors, the bones are always those of TED-Gesture (the first 9 of any skeleton), the
-    joint error is of frames from the 5th on and the acceleration error of all.
+    Bones keep the length of their vectors, and they are always those of TED-Gesture (the first 9 of any skeleton). The
+    joint error is over frames from the 5th on, the acceleration error over all.
 
     Args:
         generated, real: (n, T, bones, 3) vectors with the mean added, not normalised; bones >= 9, T >= 5.
@@ -118,8 +119,8 @@ def legacy_errors(generated: np.ndarray, real: np.ndarray) -> LegacyErrors:
 def _schur_root(matrix: np.ndarray) -> np.ndarray:
     """Return the general square root of a matrix, NaN where there is none (Björck and Hammarling 1983).
 
-    Written out, because the result of scipy's `sqrtm` for singular matrices changed with its versions: 1.17 has 0 for
-    the root of 0, 1.18 has infinities, and the legacy value follows.
+    It is implemented here because the result of scipy's `sqrtm` for singular matrices, and with it the legacy value,
+    depends on its version: for the root of 0, 1.17 returns 0 and 1.18 infinities.
     """
     from scipy import linalg
 
@@ -148,16 +149,16 @@ def legacy_bc(
 ) -> float:
     """Compute the mean over the onsets of all clips with motion beats of exp(-d^2 / (2 0.1^2)), d to the nearest beat.
 
-    It is a recall of the onsets alone, leaves motionless clips out, and scores white jitter highest. A motion beat is
-    at the time t / 15 of a frame t whose rate is below its neighbours, once by the threshold. "paper" takes the angles
-    of mean-subtracted vectors, as the published numbers were made, "fixed" those of the poses; the mean absolute
-    angle changes are of the poses in both. Angles of rigid parts, whose rounding the rule divides by, are left out, and
-    so are clips without an onset, whose number it divides by.
+    It is only a recall of the onsets, leaves motionless clips out, and scores white jitter highest. A motion beat is at
+    the time t / 15 of a frame t whose rate is below both neighbours, and below one of them by the threshold. "paper"
+    uses the angles of mean-subtracted vectors, as the published numbers do, "fixed" those of the poses; the mean
+    absolute angle changes are those of the poses in both. Angles of rigid parts are left out, because the rule divides
+    by their change, which is rounding error, and so are clips without an onset, because it divides by their number.
 
     Args:
         skeleton: skeleton with mean directions, angle pairs and mean absolute angle changes.
-        directions: (n, 34, bones, 3) restored direction vectors, mean included; the seed poses are scored too. A
-            network's published numbers need the output as it is, not scaled to unit length.
+        directions: (n, 34, bones, 3) restored direction vectors, mean included; the seed poses are scored too. To
+            compare with published numbers, give the output of a network as it is, not scaled to unit length.
         onsets: (k,) onsets of each window in seconds, by librosa's detector with all defaults on 36267 samples.
         variant: "paper" or "fixed".
         threshold: least rise of the rate to the next frame, on either side.
@@ -177,7 +178,7 @@ def legacy_bc(
 
 
 def window_onsets(reference: Reference) -> dict[tuple[int, int], np.ndarray] | None:
-    """Return the onsets of the samples of each window alone, by clip and first frame; None where no clip has sound."""
+    """Return the onsets of each window, found in its samples alone, by clip and first frame; None without sound."""
     onsets = {}
     for clip, (directions, audio) in enumerate(zip(reference.directions, reference.audio, strict=True)):
         for start in _CUT.starts(len(directions)):
@@ -273,7 +274,7 @@ LEGACY_METRICS = (
 
 
 def legacy_notes(truth: Row) -> list[str]:
-    """Return sentences on what the legacy scores of a table leave out, from its row of ground truth."""
+    """Return notes on what the legacy scores of a table leave out, from its row of ground truth."""
     notes = [f"batches of {BATCH} windows, seed pose included; no intervals, no direction is better"]
     onsets, windows = truth.reference.once(window_onsets), truth.once(_windows)
     if onsets is None:

@@ -1,4 +1,4 @@
-"""The type of a metric: its name, unit and direction with its own measure, and the score that a measure returns."""
+"""The type of a metric, with its name, unit, direction and measure, and the types of scores that a measure returns."""
 
 import dataclasses
 from collections.abc import Callable
@@ -42,19 +42,19 @@ class Metric:
         name: key of the score in the results.
         title: text above the column, without the unit.
         unit: physical unit of the value; "" for a number without one.
-        direction: direction that is taken for the better one where the metric is used, or "none". It is never printed,
-            because a value is good when it is close to that of ground truth. A sanity row that goes further in that
-            direction than ground truth shows that the metric does not measure quality, and is reported.
+        direction: direction that is usually considered better, or "none". It is never printed, because a value is good
+            when it is close to that of ground truth. A sanity row that goes further in that direction than ground truth
+            shows that the metric does not measure quality, and is reported.
         group: heading of the part of the table that holds the column.
-        digits: number of digits after the point.
-        measure: function of one row of the table to the score, None where the row has none. The argument is a
+        digits: number of digits after the decimal point.
+        measure: function that maps one row of the table to the score, None if the row has none. The argument is a
             `row.Row`; for known causes it is a `causes.CauseRow`, for a recording a `strokes.RecordingRow`, for the
             protocol BEAT2 a `rests.Beat2Row`.
         section: part of the results that holds the score.
-        draws: function of a row to the values (n,) of random draws; their mean and standard deviation are shown in
-            place of the value, None where the row has none.
-        halves: function of the row of ground truth to the values (n,) of one half of the recordings against the other,
-            None where there are none.
+        draws: function that maps a row to the values (n,) of random draws, None if the row has none; their mean and
+            standard deviation are shown instead of the value.
+        halves: function that maps the row of ground truth to the values (n,) of one half of the recordings compared
+            with the other, None if there are none.
         is_paired: whether the difference between two methods is shown.
     """
 

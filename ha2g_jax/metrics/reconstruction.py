@@ -1,4 +1,4 @@
-"""Errors of reconstruction, and the canonical correlation with the real motion. A good gesture may be another one."""
+"""Reconstruction errors, and the canonical correlation with the real motion, which a good gesture need not resemble."""
 
 from collections.abc import Callable, Sequence
 
@@ -7,7 +7,7 @@ import numpy as np
 from ha2g_jax.metrics.metric import RECONSTRUCTION, Metric, Statistic
 from ha2g_jax.metrics.row import SEED_FRAMES, Row, mean_over_clips
 
-DELTA = 0.1  # metres within which a joint counts as found
+DELTA = 0.1  # metres; a joint with a smaller error counts as correct
 
 SHRINKAGE = 1e-3  # weight of the identity that is mixed into the correlations of either side
 
@@ -31,7 +31,7 @@ def acceleration_error(generated: np.ndarray, real: np.ndarray, fps: float) -> f
 
 
 def pck(generated: np.ndarray, real: np.ndarray, *, delta: float = DELTA) -> float:
-    """Compute PCK, the ratio of joints in all frames whose L1 error is below `delta`, see `joint_mae`.
+    """Compute PCK, the fraction of joints in all frames whose L1 error is below `delta`, see `joint_mae`.
 
     `delta` is in units of the positions.
     Without semantic weights of the frames it equals the semantic-relevant gesture recall of BEAT (Liu et al., 2022).
@@ -52,7 +52,7 @@ def _mean_absolute(values: np.ndarray) -> float:
 
 
 def _to_counterpart(function: Callable[..., float]) -> Callable[[Row], Statistic | None]:
-    """Return a measure: the mean over clips, by scored frames, of a function of positions and of the true ones."""
+    """Return a measure: the mean over clips, weighted by scored frames, of a function of positions and true ones."""
 
     def measure(row: Row) -> Statistic | None:
         if not row.has_counterpart:
@@ -110,11 +110,11 @@ def canonical_pairs(
     """Project generated and real frames on the directions of their first canonical correlation (GENEA).
 
     Args:
-        generated, real: (T, ...) frames, clip by clip; of a pair the frames that both have are used.
-        recordings: recording of each clip; the directions are fitted on one half of the recordings, drawn by `seed`,
-            and the other half is projected. Without, all frames are fitted and projected, which is the global score of
+        generated, real: (T, ...) frames of each clip; of a pair, the frames that both have are used.
+        recordings: recording of each clip; the directions are fitted on one half of the recordings, drawn with `seed`,
+            and the other half is projected. If None, all frames are fitted and projected, which is the global score of
             GENEA and rises with the number of dimensions.
-        shrinkage: weight of the identity mixed into the correlations of either side; 0 is the plain analysis.
+        shrinkage: weight of the identity mixed into the correlations of either side; 0 for the plain analysis.
 
     Returns:
         {index of a projected clip: (frames, 2) projections}; empty where there is nothing to fit. The correlation of
@@ -175,7 +175,7 @@ def _correlation_with_truth(row: Row) -> Statistic | None:
 
 
 def correlation_of_sums(sums: np.ndarray) -> float:
-    """Return the Pearson correlation from count, sums, sums of squares and of products; 0 where a side is constant."""
+    """Return the Pearson correlation from count, sums, and sums of squares and products; 0 if a side is constant."""
     count, x, y, xx, yy, xy = sums
     if count < 2:
         return np.nan

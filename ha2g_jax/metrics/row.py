@@ -1,4 +1,4 @@
-"""What a metric measures: the motions of one row of a table and their latents, and what all rows are compared with."""
+"""The input of a metric: the motions of one row of a table with their latents, and the reference of all rows."""
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -18,18 +18,18 @@ FGD_CUT, FGD_SEEDED_CUT = "fgd", "fgd_seeded"
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Remembers:
-    """Base of what keeps what was computed from it."""
+    """Base of classes that cache what is computed from them."""
 
     _found: dict[Callable, Any] = dataclasses.field(default_factory=dict, init=False, repr=False)
 
     def once(self, function: Callable[[Any], Value]) -> Value:
-        """Return function(self) of a function at the top level of a module, computed at the first call only."""
+        """Return function(self), computed only at the first call; the function is at the top level of a module."""
         if function not in self._found:
             self._found[function] = function(self)
         return self._found[function]
 
     def forget(self) -> None:
-        """Drop what was computed, to free memory."""
+        """Drop the cached results, to free memory."""
         self._found.clear()
 
 
@@ -39,13 +39,13 @@ class Reference(_Remembers):
 
     Attributes:
         directions: true motion (T, bones, 3) of each clip, unit vectors.
-        onsets: seconds of the onsets of the sound of each clip, None without sound.
+        onsets: times of the onsets of the sound of each clip in seconds, None without sound.
         borders: first frames of the windows that the true motion was joined from, mostly none.
         audio: samples of each clip at 16 kHz, None where unknown; the legacy rules need them.
         recordings: (n,) name of the recording that each clip was cut from.
         members: (n,) index of each clip's recording among the sorted recordings.
-        training: clips (T, bones, 3) that reference statistics, such as the usual change of an angle, are taken from.
-        encode: function of windows (n, window, bones, 3) to latents (n, d), None without a pose auto-encoder.
+        training: clips (T, bones, 3) for reference statistics, such as the usual change of an angle.
+        encode: function from windows (n, window, bones, 3) to latents (n, d), None without a pose auto-encoder.
         window: number of frames of such a window.
     """
 
@@ -79,10 +79,10 @@ class Row(_Remembers):
 
     Attributes:
         directions: (T, bones, 3) of each motion, as long as its clip.
-        numbers: (n,) index of the clip that each motion is of.
-        onsets: seconds of the onsets that each motion is scored with, None without sound.
+        numbers: (n,) index of the clip of each motion.
+        onsets: times in seconds of the onsets that each motion is scored with, None without sound.
         borders: first frames of the windows that each motion was joined from.
-        has_counterpart: whether the true motion of the clip is what the motion should be like.
+        has_counterpart: whether the motion should be like the true motion of the clip.
     """
 
     reference: Reference
@@ -130,7 +130,7 @@ def mean_by_recording(
 
 
 def ratio_of_sums(sums: np.ndarray, totals: np.ndarray) -> Statistic:
-    """Return the ratio of two sums by recording, (recordings,) each, for any draw; NaN where the second is 0."""
+    """Return the ratio of two sums over recordings, (recordings,) each, for any draw; NaN where the second is 0."""
 
     def statistic(counts: np.ndarray) -> float:
         total = counts @ totals
@@ -140,7 +140,7 @@ def ratio_of_sums(sums: np.ndarray, totals: np.ndarray) -> Statistic:
 
 
 def ratio(first: Statistic, second: Statistic) -> Statistic:
-    """Return one score over another of the same draw; NaN where the second is 0."""
+    """Return one score divided by another of the same draw; NaN where the second is 0."""
 
     def statistic(counts: np.ndarray) -> float:
         divisor = second(counts)
@@ -173,7 +173,7 @@ class Cut(NamedTuple):
 
 class Latents(NamedTuple):
     """Latents (n, d) of the windows of a row, with the index (n,) of the recording of each window and of its speech, a
-    place in a clip, and with the cut that says where windows begin.
+    position in a clip, and with the cut that defines where windows begin.
     """
 
     latents: np.ndarray
@@ -183,9 +183,9 @@ class Latents(NamedTuple):
 
 
 def choose_cut(lengths: Sequence[int], window: int) -> Cut | None:
-    """Choose how clips of some lengths are cut; None where none is as long as a window.
+    """Choose how clips of some lengths are cut into windows; None if none is as long as a window.
 
-    The seed pose is left out of the windows unless most clips that are as long as a window would have none then.
+    Windows leave out the seed pose unless most clips that are as long as a window would then have no window.
     """
     windows = sum(length >= window for length in lengths)
     unseeded = sum(length >= window + SEED_FRAMES for length in lengths)

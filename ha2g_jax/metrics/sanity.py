@@ -1,6 +1,6 @@
 """Reference rows of a table, made from real motion: mean pose, frozen, white jitter, smoothed, mismatched speech.
 
-A metric that one of them wins is no measure of quality. Each is a pure function of clips of direction vectors.
+A metric that ranks one of them best does not measure quality. Each is a pure function of clips of direction vectors.
 """
 
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ SANITY_ROWS = (TRUTH, HALF, MEAN_POSE, FROZEN, MISMATCHED, JITTER, SMOOTHED)
 
 
 def rows(clips: Sequence[np.ndarray], mean_directions: np.ndarray, *, seed: int = 0) -> dict[str, list[np.ndarray]]:
-    """Make the rows whose motion is made from the real one, clips of direction vectors (T, bones, 3).
+    """Make the rows whose motion is derived from real clips of direction vectors (T, bones, 3).
 
     The mean directions (bones, 3) of the training motion need not be of unit length. Each row has a motion (T, bones,
     3) of unit vectors, float64, for each clip.
@@ -48,7 +48,7 @@ def mean_pose(directions: np.ndarray, mean_directions: np.ndarray) -> np.ndarray
 
 
 def frozen(directions: np.ndarray) -> np.ndarray:
-    """Return the seed pose of real motion (T, bones, 3) with its last frame held from there on."""
+    """Return the seed pose of real motion (T, bones, 3), whose last frame is held to the end."""
     return normalize(np.asarray(directions, np.float64))[np.minimum(np.arange(len(directions)), SEED_FRAMES - 1)]
 
 
@@ -81,9 +81,9 @@ def derangement(
 ) -> np.ndarray:
     """Choose for each clip a clip of another recording, whose speech is then mismatched with the motion.
 
-    Among clips of equal length each is used once where no recording has more than half of them. A clip without another
-    of equal length from another recording gets the one of the nearest length, drawn where there are several. The
-    lengths are all equal by default; the result is the index (n,) of each other clip.
+    Among clips of equal length each is used once if no recording has more than half of them. A clip for which no other
+    recording has one of equal length gets that of the nearest length, drawn if there are several. By default all
+    lengths are equal. The result (n,) has the index of the other clip.
 
     Raises:
         UserError: all clips are of one recording.
@@ -99,7 +99,7 @@ def derangement(
         group = rng.permutation(np.flatnonzero(sizes == size))
         counts = np.bincount(names[group])
         if 2 * counts.max() <= len(group):
-            # Sorted by recording, a step as long as the longest run leads out of every run.
+            # In the order of recordings, a shift by the length of the longest run leaves every run.
             order = group[np.argsort(rng.permutation(len(counts))[names[group]], kind="stable")]
             others[order] = np.roll(order, -counts.max())
         else:

@@ -12,7 +12,7 @@ import numpy as np
 from ha2g_jax.metrics.metric import MOVEMENT, Metric, Statistic
 from ha2g_jax.metrics.row import SEED_FRAMES, Row, ratio_of_sums
 
-WIDTH = 6  # frames that a border touches: 4 blended ones, and 2 more for a second difference to leave them
+WIDTH = 6  # frames that a border touches: 4 blended ones, and 2 more that a second difference spans
 
 
 class SeamScore(NamedTuple):
@@ -20,7 +20,7 @@ class SeamScore(NamedTuple):
 
     Attributes:
         velocity, acceleration: mean jump at borders / mean jump inside; 1 where no border shows.
-        velocity_p, acceleration_p: probability of jumps at borders at least as great if borders were like any frame.
+        velocity_p, acceleration_p: probability of jumps at least as large if borders were like any other frame.
     """
 
     velocity: float
@@ -43,19 +43,20 @@ def seam_score(
     """Compare velocity and acceleration jumps at window borders with those inside windows, by a permutation test.
 
     A border at frame b touches the stretch [b, b + width). Its insides are the nearest stretches before and after it,
-    without gap or overlap, up to the middle of the windows and as many on either side: a motion that grows calmer does
-    not look like a seam. A draw of the test takes of each border one of its jump and those of its insides, all equally
-    likely, and p = (1 + draws whose sum is at least that of the borders) / (1 + draws). It is exact where a border is
-    like the stretches around it. Stretches that overlap would be more, but alike, and make the test too sure of itself.
+    without gap or overlap, up to the middle of the windows and as many on either side, so that a motion that grows
+    calmer does not look like a seam. A draw of the test takes for each border either its jump or that of one of its
+    insides, all equally likely, and p = (1 + draws whose sum is at least that of the borders) / (1 + draws). The test
+    is exact if a border is like the stretches around it. Overlapping stretches would be more numerous but dependent,
+    which would make the p-values too small.
 
     Args:
         directions: unit direction vectors (T, bones, 3) of each clip.
-        borders: first frames of the windows of each clip but the first; frames outside of the clip are no borders.
+        borders: first frames of the windows of each clip, except the first; frames outside the clip are ignored.
         width: number of frames that a border touches.
         first_frame: first frame that is scored; those before it were given to the model.
 
     Returns:
-        Ratios of the jumps, in units a second and a second squared, and their p-values.
+        Ratios of the jumps of velocity and of acceleration, and their p-values.
     """
     groups = [
         group
@@ -68,7 +69,7 @@ def seam_score(
     observed = np.sum([group[0] for group in groups], axis=0)
     expected = np.sum([group[1:].mean(axis=0) for group in groups], axis=0)
     drawn = sum(group[rng.integers(len(group), size=draws)] for group in groups)
-    # A draw may be the borders themselves, summed in another way: equal but for rounding.
+    # A draw may be the borders themselves, summed in another order: equal except for rounding.
     p = (1 + np.sum(drawn >= observed * (1 - 1e-12), axis=0)) / (1 + draws)
     still = np.where(observed > 0, np.inf, 1)
     ratio = np.where(expected > 0, observed / np.where(expected > 0, expected, 1), still)
@@ -79,8 +80,8 @@ def stretch_jumps(directions: np.ndarray, fps: float, width: int = WIDTH, first_
     """Compute the greatest velocity and acceleration of each stretch of `width` frames of directions (T, bones, 3).
 
     Velocity at t is the mean over bones of |d(t) - d(t-1)| fps, acceleration that of |d(t) - 2 d(t-1) + d(t-2)| fps^2.
-    Row t of the result (T, 2) is the stretch [t, t + width); NaN where it looks at a frame before `first_frame` or
-    reaches past the end.
+    Row t of the result (T, 2) is the stretch [t, t + width), NaN if it uses a frame before `first_frame` or reaches
+    past the end.
     """
     directions = np.asarray(directions, np.float64)
     rates = np.full((len(directions), 2), np.nan)

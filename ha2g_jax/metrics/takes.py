@@ -1,7 +1,8 @@
-"""Several takes for one speech against takes of the teacher: how far they differ, and the energy distance of the sets.
+"""Several takes for one speech compared with takes of the teacher: how much they vary, and the energy distance.
 
 The teacher can be sampled many times, so that the true distribution of the motion given the speech is known. A set of
-takes can be too much alike, or differ and be wrong: the energy distance sees both and is 0 for the same distribution.
+takes can vary too little, or vary in the wrong manner: the energy distance detects both and is 0 for equal
+distributions.
 """
 
 import itertools
@@ -16,7 +17,7 @@ from ha2g_jax.metrics.uncertainty import Estimate, jackknife
 
 
 class TakeDistances(NamedTuple):
-    """Mean distances in cm of pairs of takes of one speech: one of each set, two of the first and two of the second."""
+    """Mean distances in cm of pairs of takes of one speech: between the sets, within the first and the second."""
 
     between: float
     first: float
@@ -39,7 +40,7 @@ def energy_distance(distances: np.ndarray) -> float:
     """Return the energy distance 2 E|X - Y| - E|X - X'| - E|Y - Y'| in cm (Szekely and Rizzo 2013) of two sets.
 
     It is the mean over rows of `TakeDistances` (n, 3), without the pairs of a take with itself, so that it is 0 on
-    average for two sets of one distribution and may be slightly negative.
+    average for two sets from the same distribution and may be slightly negative.
     """
     between, first, second = np.mean(distances, axis=0)
     return float(2 * between - first - second)
@@ -64,7 +65,7 @@ def _ratio(distances: np.ndarray) -> float:
 def _metric(
     name: str, title: str, unit: str, direction: Direction, digits: int, statistic: Callable[[np.ndarray], float]
 ) -> Metric:
-    """Return a metric of rows of `TakeDistances`, whose error is by clip."""
+    """Return a metric of rows of `TakeDistances`, whose standard error is over clips."""
 
     def measure(row: CauseRow) -> Estimate | None:
         return jackknife(row.takes, statistic, np.arange(len(row.takes))) if len(row.takes) else None

@@ -25,18 +25,18 @@ def bootstrap(
 ) -> Interval:
     """Return a score and the percentile interval under resampling of whole clusters with replacement.
 
-    Efron and Tibshirani 1993, chapter 13. Windows of one recording resemble each other, so that the recording, not the
-    window, is drawn. The score is put together from one part per cluster, which makes a draw fast. For the difference
-    of two methods let one statistic compute it on the same counts: the draws are then paired. The same arguments always
+    Efron and Tibshirani 1993, chapter 13. Windows of one recording resemble each other, so that recordings are drawn,
+    not windows. The score is computed from one part per cluster, which makes a draw fast. For the difference between
+    two methods, let one statistic compute it from the same counts: the draws are then paired. The same arguments always
     give the same interval, and a draw in which the score is undefined (NaN) is left out.
 
     Args:
-        statistic: function of counts (G,), how often each cluster is drawn, to a number.
+        statistic: function from counts (G,), how often each cluster is drawn, to a number.
         num_clusters: number G of clusters, the recordings that samples come from.
         seed: seed of the draws; the same seed draws the same resamples for every statistic.
 
     Returns:
-        The interval; all NaN without a cluster, NaN bounds with one or where no draw has a score.
+        The interval; all NaN without a cluster, NaN bounds with only one or if no draw has a score.
     """
     if not num_clusters:
         return Interval(np.nan, np.nan, np.nan)
@@ -53,7 +53,7 @@ def bootstrap(
     return Interval(value, low, high)
 
 
-@functools.lru_cache(maxsize=4)  # for every metric of every row
+@functools.lru_cache(maxsize=4)  # every metric of every row uses the same draws
 def _resamples(num_clusters: int, draws: int, seed: int) -> np.ndarray:
     """Draw as many clusters as there are, with replacement, and count each, (draws, G)."""
     drawn = np.random.default_rng(seed).integers(num_clusters, size=(draws, num_clusters))
@@ -87,7 +87,7 @@ def jackknife(samples: np.ndarray, statistic: Callable[[np.ndarray], float], clu
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Correct m p-values for their number by Holm's step-down method (Holm 1979), in the same order.
+    """Correct m p-values for multiple testing by Holm's step-down method (Holm 1979), in the same order.
 
     The k-th smallest of m is multiplied by m - k + 1, is at least as large as those before it, and at most 1.
     """

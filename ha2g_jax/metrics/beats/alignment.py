@@ -3,7 +3,7 @@
 The paper (HA2G, section 4.3 and supplement E) asks only whether each onset has a motion beat near it, so that dense
 random beats score best and a motionless clip can be left out. Here both directions count (recall R of the onsets,
 precision Q of the motion beats, F = 2 R Q / (R + Q)), a motionless clip scores 0, and the number to report is the gain
-of F over that with mismatched speech. Closer to the real motion's values is better, not higher.
+of F over that with mismatched speech. A value is good if it is close to that of the real motion, not if it is high.
 """
 
 from collections.abc import Sequence
@@ -13,14 +13,14 @@ import numpy as np
 
 from ha2g_jax.metrics.beats.times import SIGMA, kernel, nearest
 
-# Tries for each one that is drawn; a motion whose tries all fail is handled on its own.
+# Attempts for each clip to draw; a motion whose attempts all fail is handled separately.
 _TRIES = 4
 _ROUNDING = 1e-9  # seconds
 
 
 class Clip(NamedTuple):
-    """Times (m,) of the motion beats and (k,) of the onsets of one clip in seconds; a time outside of start and end,
-    the bounds of what is scored, is no neighbour either.
+    """Times (m,) of the motion beats and (k,) of the onsets of one clip in seconds. Only times between start and end,
+    the bounds of the scored part, count, also as neighbours.
     """
 
     beats: np.ndarray
@@ -38,7 +38,7 @@ class Alignment(NamedTuple):
         f: 2 R Q / (R + Q).
         onset_sum: sum of the kernels that R is the mean of.
         num_onsets, num_beats: numbers of onsets and of motion beats.
-        seconds: length of what is scored.
+        seconds: length of the scored part.
     """
 
     recall: np.ndarray
@@ -60,7 +60,7 @@ class Alignment(NamedTuple):
 
 
 class Times(NamedTuple):
-    """Ascending times of n clips end to end: values (m,), the clip of each (m,), and the number of each clip (n,)."""
+    """Ascending times of n clips, concatenated: values (m,), the clip of each (m,), and their number per clip (n,)."""
 
     values: np.ndarray
     owners: np.ndarray
@@ -68,7 +68,7 @@ class Times(NamedTuple):
 
 
 def align(clips: Sequence[Clip], *, sigma: float = SIGMA) -> Alignment:
-    """Compute recall, precision and F of each clip with its own sound, by the kernel exp(-d^2 / (2 sigma^2)) (Eq. 11).
+    """Compute recall, precision and F of each clip with its own sound, with kernel exp(-d^2 / (2 sigma^2)) (Eq. 11).
 
     A clip with onsets and no motion beats scores 0. A clip without onsets is silent and not scored.
 
@@ -106,7 +106,7 @@ def inside(clips: Sequence[Clip], name: str) -> Times:
 
 
 def durations(clips: Sequence[Clip]) -> np.ndarray:
-    """Return the seconds (n,) from start to end, 0 for motion of the seed poses only."""
+    """Return the seconds (n,) from start to end, 0 for motion that has only seed poses."""
     return np.array([max(clip.end - clip.start, 0.0) for clip in clips])
 
 
@@ -126,9 +126,9 @@ def partners(
 ) -> np.ndarray:
     """Draw `num` other clips for each clip from those with sound, of another recording (n,), that last as long.
 
-    A clip is drawn once at most. Where fewer than `num` last as long, the longest of the shorter ones make up for them.
-    The draw does not depend on the motion, so methods that are compared on the same clips get the same partners. The
-    result (n, num) has the indices of clips, -1 where there are fewer of another recording.
+    A clip is drawn at most once. If fewer than `num` last as long, the longest of the shorter ones are added. The draw
+    does not depend on the motion, so methods that are compared on the same clips get the same partners. The result
+    (n, num) has the indices of clips, -1 if another recording has too few.
     """
     rng = np.random.default_rng(seed)
     _, codes = np.unique(np.asarray(recordings), return_inverse=True)
@@ -160,10 +160,10 @@ def mismatched(
 ) -> np.ndarray:
     """Compute the F of each clip (n,) with the sound of other clips, as the mean over `num` of them.
 
-    The other clips are of another recording, have sound, and last as long or longer, cut to the clip's length (where
-    there are too few, a shorter one is repeated). Those that are silent for that length are left out of the mean; NaN
-    where there is no sound of another recording. The draw also depends on the times and onsets of the clips, not on the
-    motion.
+    The other clips are of another recording, have sound, and are cut to the length of the clip; if there are too few
+    that are long enough, shorter ones are repeated. Those that are silent for that length are left out of the mean. The
+    result is NaN without sound of another recording. The draw depends on the seed, and on the times and onsets of the
+    clips, but not on the motion.
     """
     return with_partners(clips, partners(clips, recordings, num=num, seed=seed))
 
@@ -196,7 +196,7 @@ def _sounds_of(other: np.ndarray, sounds: Times, seconds: np.ndarray) -> Times:
 
 
 def _count_up(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return 0 to count - 1 of each count, end to end, and the index of the count that each belongs to."""
+    """Return 0 to count - 1 for each count, concatenated, and the index of the count that each belongs to."""
     owners = np.repeat(np.arange(len(counts)), counts)
     return np.arange(len(owners)) - np.repeat(np.cumsum(counts) - counts, counts), owners
 

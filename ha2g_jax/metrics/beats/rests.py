@@ -1,11 +1,11 @@
-"""BEAT alignment, the score of the BEAT family of data sets: the rests of every joint against the onsets of the voice.
+"""BEAT alignment, the score of the BEAT data sets: how near the onsets of the voice are to rests of every joint.
 
-BEAT (Liu et al., ECCV 2022) and EMAGE (Liu et al., CVPR 2024). It asks only whether an onset has
-a rest near it, with a kernel of 0.3 s, so that a motion with many rests scores high by chance: read it beside the real
-motion and mismatched speech.
+BEAT (Liu et al., ECCV 2022) and EMAGE (Liu et al., CVPR 2024). It asks only whether an onset has a rest near it, with a
+kernel of 0.3 s, so that a motion with many rests scores high by chance: compare it with the scores of the real motion
+and of mismatched speech.
 
-The protocol BEAT2 scores all joints of SMPL-X at 30 frames per second, without translation. Published numbers are of
-the SMPL-X body model, of onsets of librosa, and of an auto-encoder of their own; BC is often printed times 10.
+The protocol BEAT2 scores all joints of SMPL-X at 30 frames per second, without translation. Published numbers use the
+SMPL-X body model, onsets of librosa, and an auto-encoder of their own; BC is often multiplied by 10.
 """
 
 import dataclasses
@@ -21,7 +21,7 @@ from ha2g_jax.skeleton import Skeleton
 
 SIGMA = 0.3  # seconds, width of the kernel; 0.5 in the experiments of SHOW
 THRESHOLD = 0.3  # in units of a joint's mean speed, above which a minimum counts; 0.1 in GENEA 2025
-ORDER = 7  # frames on either side at 30 fps that a minimum lies below
+ORDER = 7  # frames on either side, at 30 fps, whose speed must be above that of a minimum
 
 JOINTS = {
     "ted_expressive": (
@@ -42,7 +42,7 @@ UPPER_BODY = (
 
 
 def upper_body(skeleton: Skeleton) -> list[int]:
-    """Return the joints to score: the 13 of TED-Expressive that are not of a hand, the arms of TED-Gesture.
+    """Return the joints to score: the 13 of TED-Expressive that do not belong to a hand, the arms of TED-Gesture.
 
     The root of direction vectors, TED-Expressive's spine, never moves and is left out by `beat_align`: 12 of 13 count.
     """
@@ -50,7 +50,7 @@ def upper_body(skeleton: Skeleton) -> list[int]:
 
 
 def order(fps: float) -> int:
-    """Return the frames on either side that a minimum lies below: 7 at 30 fps, 3 at 15, at least 1."""
+    """Return the number of frames on either side that a minimum is below: 7 at 30 fps, 3 at 15, at least 1."""
     return max(1, int(ORDER * fps / 30))
 
 
@@ -68,7 +68,7 @@ def joint_speeds(positions: np.ndarray, fps: float) -> np.ndarray:
 def rests(speeds: np.ndarray, num_frames: int, threshold: float = THRESHOLD) -> np.ndarray:
     """Return the frames (n,) at which a speed (T,) above `threshold` is strictly below `num_frames` on either side.
 
-    At the ends fewer neighbours are compared; the first and the last frame are no rests.
+    At the ends fewer neighbours are compared; the first and the last frame are never rests.
     """
     frames = np.arange(len(speeds))
     is_rest = speeds > threshold
@@ -90,7 +90,7 @@ def beat_align(
 ) -> float:
     """Compute the mean over joints and onsets of exp(-d^2 / (2 sigma^2)), with d to the nearest rest of the joint.
 
-    Speeds, minima and times are all of the scored frames, so that no index is off by the frames that are not scored.
+    Speeds, minima and times refer to the scored frames, so that no index is off by the frames that are not scored.
 
     Args:
         positions: (T, joints, 3) of the joints to score, such as those of `upper_body`.
@@ -100,8 +100,8 @@ def beat_align(
         first_frame: frames before it were given to the model and are not scored.
 
     Returns:
-        A number in [0, 1], 0 for motion without a rest and for a joint without one; NaN where no onset counts or fewer
-        than 2 frames are scored.
+        A number in [0, 1]; a joint without a rest counts as 0. NaN where no onset counts or fewer than 2 frames are
+        scored.
     """
     onsets = np.sort(np.asarray(onsets, np.float64))
     scored = onsets[(onsets >= first_frame / fps) & (onsets < len(positions) / fps)]
@@ -121,8 +121,8 @@ class Beat2Row:
     """The motions of one row; the first axis is the sequences.
 
     Attributes:
-        joints: (T, 55, 3) metres of the joints of SMPL-X, the person at the origin.
-        onsets: seconds of the onsets of the sound, None without sound.
+        joints: (T, 55, 3) positions of the joints of SMPL-X in metres, the person at the origin.
+        onsets: times of the onsets of the sound in seconds, None without sound.
         speeds: (13,) mean speeds of the joints of `UPPER_BODY` over the reference, in metres per second.
         upper: indices of these joints among the 55.
         members: (n,) index of the recording of each sequence.
@@ -137,7 +137,7 @@ class Beat2Row:
 
 
 def beat_consistency(joints: np.ndarray, onsets: np.ndarray, speeds: np.ndarray) -> float:
-    """Compute BC by EMAGE: `beat_align` of `UPPER_BODY` (T, 13, 3) without the first and the last 2 seconds."""
+    """Compute the BC of EMAGE: `beat_align` of `UPPER_BODY` (T, 13, 3) without the first and the last 2 seconds."""
     return beat_align(joints[: len(joints) - EDGE], onsets, speeds, FPS, first_frame=EDGE)
 
 

@@ -1,4 +1,4 @@
-"""Beats of the motions of a row: their alignment with the speech, its registered metrics, and counts of clips."""
+"""Alignment of the motion beats of a row with the speech, its registered metrics, and counts of clips."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -20,7 +20,7 @@ class RowAlignment(NamedTuple):
 
     Attributes:
         own: alignment of n motions with their own sound.
-        paper: the same by the motion beats of the paper, for BC.
+        paper: the same with the motion beats of the paper, for BC.
         floor: (n,) F with mismatched speech, NaN for a silent clip.
         members: (n,) index of each motion's recording.
     """
@@ -78,7 +78,7 @@ def _usual_speeds(reference: Reference) -> np.ndarray:
 
 
 def _mean(values: Callable[[RowAlignment], np.ndarray]) -> Callable[[Row], Statistic | None]:
-    """Return a measure: the mean over clips with sound of one value each, every clip one vote."""
+    """Return a measure: the mean of one value for each clip with sound, all clips with equal weight."""
 
     def measure(row: Row) -> Statistic | None:
         found = row.once(row_alignment)
@@ -102,7 +102,7 @@ def _rate(is_silent: bool) -> Callable[[Row], Statistic | None]:
 
 
 def _beat_consistency(row: Row) -> Statistic | None:
-    """Return BC of a row: a mean over onsets, so that it has sums of its own; None where no clip has an onset."""
+    """Return BC of a row, a mean over onsets and not over clips; None where no clip has an onset."""
     found = row.once(row_alignment)
     if found is None or not found.paper.num_onsets.any():
         return None

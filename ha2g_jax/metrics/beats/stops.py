@@ -2,9 +2,9 @@
 
 The angle change rate (Eq. 10 and 13) is the speed of the joint angles, each in units of its usual change: 1 for motion
 as lively as the training set, whatever the skeleton and the frame rate. The rate between frames t and t + 1 belongs to
-the time (t + 1/2) / fps. Jitter scores highest in beat consistency (BC, Eq. 11, supplement E), so that `alignment` has
-the score to report. Where the paper is silent: motion beats are minima and lie between the two frames that the change
-is of, onsets of all clips have one vote each, and a motionless clip counts as 0.
+the time (t + 1/2) / fps. Jitter scores highest in beat consistency (BC, Eq. 11, supplement E), so report the score of
+`alignment` instead. Where the paper is silent: motion beats are minima and lie between the two frames of a change, the
+onsets of all clips have equal weight, and a motionless clip counts as 0.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -16,7 +16,8 @@ from ha2g_jax.metrics.beats.times import minima
 from ha2g_jax.metrics.row import SEED_FRAMES
 from ha2g_jax.skeleton import Skeleton
 
-# An angle that changes by less per frame, over pi, is rigid: all of the change is rounding. The least in TED is 1e-3.
+# An angle that changes by less than this per frame, over pi, is rigid: all of the change is rounding. The least in TED
+# is 1e-3.
 _MIN_CHANGE = 1e-5
 _MIN_NORM = 1e-8
 # Frames worked on at once, so that their data stay in the cache of a core and memory does not grow with the motion.
@@ -118,13 +119,13 @@ def make_clips(
 ) -> list[Clip]:
     """Find the motion beats of all clips at once: the local minima of the angle change rate after the seed pose.
 
-    The rate, which is about 1 on average, rises on both sides, to the nearest local maximum there, by at least the
-    threshold. A parabola through the minimum and its neighbours places it between frames. Minima are strict, but for
-    two equal samples, as a stop right on a frame makes them. A pose held without any change for longer is no motion
-    beat.
+    The rate, which is about 1 on average, must rise on both sides, to the nearest local maximum there, by at least the
+    threshold. A parabola through the minimum and its neighbours places it between frames. Minima are strict, except
+    that two equal lowest samples, which a stop exactly on a frame gives, count too. A pose held for longer without any
+    change is not a motion beat.
 
-    The rates (T - 1,) are those of `angle_change_rates`, the onsets (k,) are in seconds from frame 0, and fps is one of
-    all clips or (n,).
+    The rates (T - 1,) are those of `angle_change_rates`, the onsets (k,) are in seconds from frame 0, and fps is one
+    number for all clips or (n,).
     """
     scored = [rate[SEED_FRAMES:] for rate in rates]
     lengths = np.array([len(rate) for rate in scored], int)
@@ -155,7 +156,7 @@ def consistency(
     *,
     threshold: float = THRESHOLD,
 ) -> Alignment:
-    """Align clips by the motion beats of the paper; BC is the sum of `onset_sum` over the sum of `num_onsets`.
+    """Align clips with the motion beats of the paper; BC is the sum of `onset_sum` over the sum of `num_onsets`.
 
     The threshold is the least rise of the rate to the next frame; the other arguments are those of `make_clips`.
     """

@@ -1,9 +1,9 @@
-"""Motion beats of the hands: the ends of downward strokes against known strokes or the onsets of a recording.
+"""Motion beats of the hands, the ends of downward strokes, compared with known strokes or onsets of a recording.
 
 Where the strokes that speech causes are known, as in the Talk corpus, beats are matched with them one to one. In a
 recording neither strokes nor true motion are known: its onsets are compared with the beats, in both directions, by a
-Gaussian kernel of the distances. Dense random beats are near something by chance, so a score means something only
-beside that of the same motion with mismatched speech, or with the sound rotated in time.
+Gaussian kernel of the distances. Dense random beats are near something by chance, so a score is meaningful only next to
+that of the same motion with mismatched speech, or with the sound rotated in time.
 """
 
 import itertools
@@ -29,7 +29,7 @@ from ha2g_jax.metrics.uncertainty import Estimate, jackknife
 from ha2g_jax.skeleton import Skeleton, directions_to_positions
 
 TOLERANCE = 0.1  # seconds between a stroke and the motion beat that it is matched with
-RISE = 0.1  # m/s by which a downward stroke is faster than what is around it
+RISE = 0.1  # m/s by which a downward stroke is faster than the motion around it
 HIT_DELAY = 0.13  # seconds from the fastest moment of a stroke to its end, half a stroke
 
 SEGMENT = 5.0  # seconds of a segment of the recording, for the standard error
@@ -37,7 +37,7 @@ SHIFT = 2.0  # seconds between the shifts that make the chance level; the first 
 
 
 class Matches(NamedTuple):
-    """Counts of one clip: true strokes, those met one to one, motion beats, and those that meet any true movement."""
+    """Counts of one clip: true strokes, those matched one to one, motion beats, and beats that match any movement."""
 
     strokes: int
     met: int
@@ -57,7 +57,7 @@ def stroke_beats(positions: np.ndarray, fps: float) -> np.ndarray:
     The speed v(t + 1/2) = max over wrists of (y(t + 1) - y(t)) fps is downward, y pointing down. A stroke is a strict
     local maximum of v that stands out by at least `RISE` from the nearest local minimum on both sides; a parabola
     through the maximum and its neighbours places it between frames, and it ends half a stroke later. Motion that
-    stands still has none, and raising the hand, which prepares a stroke, is none.
+    stands still has none, and raising the hand, which prepares a stroke, does not count.
 
     Chosen on the Talk corpus, where every stroke is known: the teacher with other noise finds 0.97 of the strokes, and
     0.31 with mismatched speech. Other simple definitions find fewer or do not separate: 0.73 (0.44) the minima of the
@@ -74,7 +74,7 @@ def stroke_beats(positions: np.ndarray, fps: float) -> np.ndarray:
 
 
 def match(strokes: np.ndarray, causes: np.ndarray, beats: np.ndarray, tolerance: float = TOLERANCE) -> Matches:
-    """Count the strokes and motion beats of one clip that meet, at most `tolerance` seconds apart.
+    """Count the strokes and motion beats of one clip that match, at most `tolerance` seconds apart.
 
     All times ascend, in seconds; the causes are all true movements that may cause a beat, strokes among them.
     """
@@ -96,13 +96,13 @@ def matched_pairs(first: np.ndarray, second: np.ndarray, tolerance: float = TOLE
 
 
 def recall(counts: np.ndarray) -> float:
-    """Return the ratio of the strokes that a motion beat meets, over rows of `Matches` (n, 4); 0 without strokes."""
+    """Return the fraction of the strokes that a motion beat matches, over rows of `Matches` (n, 4); 0 without any."""
     strokes, met, _, _ = np.sum(counts, axis=0)
     return float(met / strokes) if strokes else 0.0
 
 
 def precision(counts: np.ndarray) -> float:
-    """Return the ratio of the motion beats with a true cause, over rows of `Matches` (n, 4); 0 without motion beats."""
+    """Return the fraction of the motion beats with a true cause, over rows of `Matches` (n, 4); 0 without any."""
     _, _, beats, known = np.sum(counts, axis=0)
     return float(known / beats) if beats else 0.0
 
@@ -120,8 +120,8 @@ def strict_f1(counts: np.ndarray) -> float:
 
 
 class Kernels(NamedTuple):
-    """Sums of the kernel over one stretch of time, from which the alignment of any set of stretches follows: numbers of
-    onsets and of motion beats, and the kernel's sums from each onset to the nearest beat and the other way round.
+    """Sums of the kernel over one stretch of time, from which the alignment of any set of stretches is computed:
+    numbers of onsets and of motion beats, and the kernel's sums from each onset to the nearest beat and vice versa.
     """
 
     onsets: int
@@ -156,14 +156,14 @@ def kernel_f(sums: np.ndarray) -> float:
 
 
 class RecordingRow(NamedTuple):
-    """What is compared in one motion for one recording.
+    """Sums for one motion and one recording.
 
     Attributes:
         sums: (segments, 1 + shifts, 4) `Kernels` of each segment, with the sound and with each shift of it; no segments
             without an onset.
         speech_sums: the same where the pauses are cut out of sound and motion before the sound is shifted.
-        seconds: length of what is compared.
-        body: what moves.
+        seconds: length of the compared part.
+        body: hands, trunk and head of the motion.
     """
 
     sums: np.ndarray
@@ -178,8 +178,8 @@ def recording_row(audio: np.ndarray, body: UpperBody, first_frame: int = 4) -> R
     """Compare the strokes of the hands with the onsets of a recording (samples,) at 16 kHz and of its shifts.
 
     The mismatched sound is the recording itself, rotated in time by 4, 6, 8, ... seconds: the rhythm is the same, the
-    onsets are elsewhere. Motion that only rests in the pauses gains by this; with the pauses cut out it does not. The
-    first frame of the body that is scored is `first_frame`.
+    onsets are elsewhere. Motion that merely rests in the pauses has a gain over this; with the pauses cut out it has
+    none. Scoring starts at `first_frame`.
     """
     start, end = first_frame / body.fps, min(len(audio) / ONSET_RATE, len(body.wrists) / body.fps)
     times = (audio_onsets(audio, end), stroke_beats(body.wrists, body.fps))
@@ -219,7 +219,7 @@ def _gain(sums: np.ndarray) -> float:
 
 
 def _by_segment(statistic: Callable[[np.ndarray], float]) -> Callable[[RecordingRow], Estimate]:
-    """Return a measure whose standard error is by segments of 5 seconds."""
+    """Return a measure whose standard error is estimated over segments of 5 seconds."""
     return lambda row: jackknife(row.sums, statistic, np.arange(len(row.sums)))
 
 

@@ -15,15 +15,15 @@ from ha2g_jax.files.cache import cache_folder
 
 SIGMA = 0.1  # seconds, width of the kernel between onsets and motion beats
 
-ONSET_RATE = 16000  # samples per second of the sound that onsets are found in
-SILENCE_DB = -60.0  # re full scale: a clip in which no 64 ms are louder has no onsets
+ONSET_RATE = 16000  # samples per second of the sound in which onsets are found
+SILENCE_DB = -60.0  # relative to full scale; a clip in which no 64 ms are louder has no onsets
 
-SPEECH_DB = -30.0  # of sound re the loud moments
-SPEECH_MARGIN = 0.3  # seconds around such sound that are still speech
+SPEECH_DB = -30.0  # level of speech relative to the loud moments
+SPEECH_MARGIN = 0.3  # seconds around such sound that still count as speech
 
 _LOUDNESS_BLOCK = 1024  # samples
 _SPEECH_BLOCK = 320
-_MIN_SAMPLES = 2048  # that the spectrogram of the onset detector needs
+_MIN_SAMPLES = 2048  # samples that the spectrogram of the onset detector needs
 
 
 class Minima(NamedTuple):
@@ -47,10 +47,10 @@ def deep_minima(curve: np.ndarray, rise: float) -> np.ndarray:
 
 
 def minima(curve: np.ndarray, *, is_first: np.ndarray | None = None, equal: bool = False) -> Minima:
-    """Find the strict local minima of one curve (T,), or of many that lie end to end.
+    """Find the strict local minima of one curve (T,), or of many that are concatenated.
 
-    `is_first` (T,) tells whether a sample is the first of its curve; no minimum is there, at a last sample, or across.
-    With `equal`, two equal lowest samples count too, as a minimum halfway.
+    `is_first` (T,) tells whether a sample is the first of its curve; first and last samples are never minima. With
+    `equal`, two equal lowest samples count too, as a minimum halfway between them.
     """
     is_joint = np.zeros(max(len(curve) - 1, 0), bool) if is_first is None else is_first[1:]
     steps = np.diff(curve)
@@ -87,7 +87,7 @@ def nearest(
     span = max(times.max(initial=0), others.max()) - low + 1
     after = np.searchsorted(other_owners * span + (others - low), owners * span + (times - low))
     distances = np.full(len(times), np.inf)
-    # The rounding of the long axis may pick a neighbour that is slightly farther; distances are taken on the times.
+    # Rounding on the joint axis may pick a neighbour that is slightly farther; distances are computed from the times.
     for neighbour in (np.maximum(after - 1, 0), np.minimum(after, len(others) - 1)):
         candidates = np.where(other_owners[neighbour] == owners, np.abs(others[neighbour] - times), np.inf)
         np.minimum(distances, candidates, out=distances)
@@ -108,9 +108,9 @@ def audio_onsets(audio: np.ndarray, duration: float) -> np.ndarray:
     """Return the times in seconds, (n,), of the onsets of a clip's sound (samples,) at 16 kHz, without those of
     silence.
 
-    There are none where the sound stays under -60 dB: the root mean square of 64 ms, re full scale. Sound after the
-    duration of the motion in seconds is left out. This is much slower than all scores together and depends on the sound
-    alone: find the onsets once per clip and keep them.
+    There are none where the sound stays below -60 dB: the root mean square of 64 ms, relative to full scale. Sound
+    after `duration`, that of the motion in seconds, is left out. This is much slower than all scores together and
+    depends only on the sound: find the onsets once per clip and keep them.
     """
     sound = audio[: math.ceil(duration * ONSET_RATE)]
     blocks = np.pad(np.asarray(sound, np.float64), (0, -len(sound) % _LOUDNESS_BLOCK)).reshape(-1, _LOUDNESS_BLOCK)
@@ -125,8 +125,8 @@ def audio_onsets(audio: np.ndarray, duration: float) -> np.ndarray:
 def speech_spans(audio: np.ndarray) -> np.ndarray:
     """Return start and end in seconds, (n, 2), of the stretches of speech of samples at 16 kHz; the rest are pauses.
 
-    Speech is what lies within `SPEECH_MARGIN` of 20 ms of sound above `SPEECH_DB` re the mean power weighted by itself,
-    which pauses do not change.
+    Speech is everything within `SPEECH_MARGIN` of 20 ms of sound above `SPEECH_DB`, relative to the mean power weighted
+    by itself, which pauses do not change.
     """
     blocks = np.asarray(audio[: len(audio) // _SPEECH_BLOCK * _SPEECH_BLOCK], np.float64).reshape(-1, _SPEECH_BLOCK)
     power = np.mean(np.square(blocks), axis=1)
@@ -140,7 +140,7 @@ def speech_spans(audio: np.ndarray) -> np.ndarray:
 
 
 def cut_pauses(times: np.ndarray, spans: np.ndarray) -> np.ndarray:
-    """Return the times that lie within spans (n, 2), in seconds of the spans' time: what is between them is cut out."""
+    """Return the times that lie within spans (n, 2), in seconds on a clock that stops between the spans."""
     before = np.cumsum(spans[:, 1] - spans[:, 0]) - (spans[:, 1] - spans[:, 0])
     is_inside = (times[:, None] >= spans[:, 0]) & (times[:, None] < spans[:, 1])
     time, span = np.nonzero(is_inside)
@@ -156,10 +156,10 @@ def librosa(part: str) -> Any:
     and then every process that calls these functions ends with a segmentation fault.
     """
     with contextlib.ExitStack() as stack:
-        with contextlib.suppress(OSError, UserError):  # a read-only home, or none
+        with contextlib.suppress(OSError, UserError):  # the home directory is read-only or missing
             cache_folder().mkdir(parents=True, exist_ok=True)
             stack.enter_context(filelock.FileLock(cache_folder() / "librosa.lock"))
         with warnings.catch_warnings():
-            # Its downloader, which nothing here calls, would ask for the progress bars of notebooks.
+            # Its downloader, which is never called here, would import the progress bars of notebooks.
             warnings.filterwarnings("ignore", "IProgress not found")
             return importlib.import_module(f"librosa.{part}")
