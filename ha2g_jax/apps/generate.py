@@ -57,10 +57,10 @@ def plan(
     others: Sequence[Path] = (),
     seeds: Sequence[int] = (0,),
 ) -> list[Task]:
-    """Return what is read and written; no two files share a path, and each file of speech can be opened.
+    """Return the tasks; no two files have the same path, and each file of speech can be opened.
 
-    The arguments are those of `generate_files`; `others` are the paths of files that are read beside the speech, and
-    `seeds` those of the takes.
+    The arguments are those of `generate_files`; `others` are the paths of other files that are read, and `seeds` are
+    those of the takes.
 
     Raises:
         UserError: there is no speech, a file cannot be opened, a result cannot be written, or would overwrite another
@@ -119,13 +119,13 @@ def _with_suffixes(stem: pathlib.Path, suffix: str | None) -> tuple[pathlib.Path
 
 
 def _take_paths(paths: Sequence[pathlib.Path], seeds: Sequence[int]) -> tuple[pathlib.Path, ...]:
-    """Return the paths of several takes, those of each together, and that of the page with all of them."""
+    """Return the paths of several takes, take by take, and that of the page with all of them."""
     takes = [path.with_name(f"{path.stem}{_SEED}{seed}{path.suffix}") for seed in seeds for path in paths]
     return (*takes, paths[0].with_name(f"{paths[0].stem}_takes{PAGE}"))
 
 
 def find_speech(inputs: Sequence[pathlib.Path]) -> list[pathlib.Path]:
-    """Return the files of speech that are named, or are in a folder that is named, in order.
+    """Return the files of speech among the inputs, and those in folders among the inputs, in order.
 
     Raises:
         UserError: a file cannot be opened, or a folder has no speech.
@@ -141,7 +141,7 @@ def find_speech(inputs: Sequence[pathlib.Path]) -> list[pathlib.Path]:
 
 
 def find_transcript(speech: pathlib.Path) -> pathlib.Path | None:
-    """Find the transcript beside a file of speech, see `transcripts.find`; what was generated is no other recording.
+    """Find the transcript beside a file of speech, see `transcripts.find`; generated files do not count as recordings.
 
     Raises:
         UserError: the folder cannot be read.
@@ -248,15 +248,15 @@ def generate_files(
 
     The suffix of a result is its format: one of `motion.formats.SUFFIXES`, `.mp4` for a video with the sound, or
     `.html` for a page of the viewer with it. By default the motion (`.npz`) and the video (`.mp4`) are written, both or
-    neither. Their names are those of the speech with `_gestures` appended, in the folder of the speech. What the work
-    is and how long it has taken is shown on stderr.
+    neither. Their names are those of the speech with `_gestures` appended, in the folder of the speech. Progress is
+    shown on stderr.
 
     Args:
         speech: path of a file with sound; or several files, or a folder whose files with sound are taken.
         out: for one file, the file to write, whose suffix is the format, or a name without a suffix; for one or several
             files, a folder, which for several is made if it does not exist.
-        checkpoint, backend: model and what computes the motion, see `load`.
-        suffix: format of the results, one of `SUFFIXES`, where `out` names none.
+        checkpoint, backend: model and runtime, see `load`.
+        suffix: format of the results, one of `SUFFIXES`, if `out` names none.
         rig: joints of the results, see `motion.formats.export`; video and page have none.
         words: path of a transcript of the speech, for a model that reads words and for cues on words, where there is
             one file; by default a transcript beside the speech is used. HA2G needs none.
@@ -264,13 +264,13 @@ def generate_files(
         camera: camera of video and page, one of `figure.CAMERAS`, by default "body".
         takes: number of motions for each file, with the seeds `seed`, `seed + 1` and so on; of several, the names of
             the files end in `_seed0` and so on, and a page whose name ends in `_takes` shows all side by side.
-        report: is called with the path of each file when it is complete.
+        report: function that is called with the path of each file when it is complete.
         options: keyword arguments of `Generator.generate`.
 
     Raises:
-        UserError: before anything is written, as `plan`, `load` and `Generator.check_options`. One file of speech
-            cannot be used, or a file cannot be written; of several files this is said in a line on stderr, and the
-            error comes when the others are complete.
+        UserError: `plan`, `load` or `Generator.check_options` raises it, before anything is written; or a file of
+            speech cannot be used or a file cannot be written. With several files, such a failure is reported on stderr,
+            and the error is raised when the others are complete.
     """
     transcript = None
     if words is not None:
@@ -400,8 +400,8 @@ def read_words(
     words: pathlib.Path | None,
     cues: Sequence[Cue | str] = (),
 ) -> tuple[Word, ...]:
-    """Return the words of the speech (samples,) at 16 kHz, by default of the transcript beside its file, where there is
-    one, for a model that reads words or a cue that is on one.
+    """Return the words of the speech (samples,) at 16 kHz for a model that reads words or a cue on a word, by default
+    from the transcript beside its file, if there is one.
 
     Raises:
         UserError: the transcript cannot be read, or there is none for a cue.

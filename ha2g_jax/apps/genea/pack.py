@@ -1,4 +1,4 @@
-"""A pack of samples for the GENEA leaderboard, as a folder or a `.zip` with a manifest: written, and checked."""
+"""Writing and checking of a pack of samples for the GENEA leaderboard, a folder or a `.zip` with a manifest."""
 
 import contextlib
 import hashlib
@@ -43,7 +43,7 @@ from ha2g_jax.synthesis.generator import read_speech
 from ha2g_jax.synthesis.style import RANDOM, Style
 
 FORMAT = "ha2g-genea 1"
-SAMPLES = 5  # that the rules ask for of a system with randomness
+SAMPLES = 5  # samples of each clip that the rules require of a system with randomness
 ZIP = ".zip"
 
 _FILE = re.compile(r"sample_([1-9][0-9]?)/([^/]+)\.npz")
@@ -74,10 +74,10 @@ def write_pack(
     Args:
         speech: folder of the files of speech, which have the names of the clips.
         checkpoint: model that generates the motion, see `apps.generate.load`.
-        motion: folder of motion of any system that is packed in place of what a model generates.
+        motion: folder of motion of any system, which is packed instead of motion of a model.
         samples: samples of each clip; by default 5 of a model, or all that are in the folder of motion.
-        seed: seed of the first sample; the next has the next one.
-        style: style of what a model generates; see `FromModel`.
+        seed: seed of the first sample; each further sample has the next one.
+        style: style of the generated motion; see `FromModel`.
         shapes: folder of files of BEAT2 with the shapes of the speakers; by default that of the packed file, or zero.
         body_model: SMPL-X body model (.npz), with which a person without a place stands on the floor.
 
@@ -155,7 +155,7 @@ def _zip(folder: pathlib.Path, path: pathlib.Path) -> None:
 
 
 class _File(NamedTuple):
-    """What the check keeps of a file: no frames of one that cannot be read, and a hash of poses and place."""
+    """What the check keeps of a file: its number of frames, 0 if unreadable, and a hash of poses and place."""
 
     frames: int
     motion: str
@@ -165,8 +165,8 @@ class _File(NamedTuple):
 def check_pack(pack: pathlib.Path, speech: pathlib.Path | None = None) -> Verdict:
     """Check the names, arrays, frame rates, axes, lengths, numbers of samples and hashes of a pack of any system.
 
-    The clips and their lengths are those of the folder `speech`, without it those of the manifest. A valid pack has no
-    findings, but may have notes, as of a missing manifest.
+    The clips and their lengths are those of the folder `speech`, or without it those of the manifest. A valid pack has
+    no findings, but may have notes, for example about a missing manifest.
 
     Raises:
         UserError: there is no pack, or its manifest or the speech cannot be used.

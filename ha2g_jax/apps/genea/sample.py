@@ -50,7 +50,7 @@ class Sample(NamedTuple):
     """A motion for the speech of one clip.
 
     Attributes:
-        poses: (T, 165) float32 axis-angles in radians of the 55 joints, zero for the flat hand.
+        poses: (T, 165) float32 axis-angle vectors in radians of the 55 joints, zero for the flat hand.
         expressions: (T, 100) float32 weights of the expressions of FLAME, zero without a face.
         trans: (T, 3) float32 metres, y up.
         betas: (300,) float32 shape of the body.
@@ -70,9 +70,9 @@ class Sample(NamedTuple):
 def from_motion(motion: Motion, count: int, *, betas: np.ndarray | None = None, body: Body | None = None) -> Sample:
     """Convert a motion to `count` frames at 30 frames per second.
 
-    Pelvis, legs, place and face are those of the motion, where it has them; else the legs stand still. The shape
-    `betas` (n,) is zero by default. With the SMPL-X body model `body` the soles of a person who stands still touch the
-    floor, y = 0, and `trans` is right for other motion; without it `trans` is the place of the pelvis, or zero.
+    Pelvis, legs, place and face are those of the motion, if it has them; otherwise the legs stand still. The shape
+    `betas` (n,) is zero by default. With the SMPL-X body model `body`, the soles of a person who stands still touch the
+    floor, y = 0, and `trans` is exact for other motion; without it `trans` is the position of the pelvis, or zero.
     """
     animation = retarget(solver.animate(motion), rigs.load_rig("smplx"))
     arrays = arrays_of(animation, moves=motion.lower is not None, face=motion.face)
@@ -95,7 +95,7 @@ def from_file(
 ) -> Sample:
     """Read a motion of any kind as `count` frames; poses of SMPL-X with y up keep their values.
 
-    `betas` (n,) takes the place of the shape of the file; for `body` see `from_motion`.
+    `betas` (n,) replaces the shape of the file; for `body` see `from_motion`.
 
     Raises:
         UserError: the file cannot be read, or its length differs from that of the speech by more than a second.
@@ -142,7 +142,7 @@ def _sample(arrays: smplx_arrays.SmplxArrays) -> Sample:
 
 
 def _width(values: np.ndarray, width: int) -> np.ndarray:
-    """Return the first coefficients, which matter most; what is missing is zero."""
+    """Return the first `width` coefficients, which matter most, padded with zeros."""
     found = np.zeros((len(values), width), np.float32)
     found[:, : values.shape[1]] = values[:, :width]
     return found
@@ -161,8 +161,8 @@ class Clip(NamedTuple):
 class FromModel:
     """Samples that a model generates: sample k of `count` is the motion of the seed `seed + k - 1`.
 
-    Each comes with what the manifest says of it, and `facts` are what it says of all.
-    A style without a source is that of the speaker of a clip of BEAT2, where the model has this speaker, else random.
+    Each comes with its entry in the manifest; `facts` is the part of the manifest about all samples. A style without a
+    source is that of the speaker of the clip of BEAT2 if the model has this speaker, or else random.
 
     Raises:
         UserError: the style or a seed cannot be used.
@@ -195,7 +195,7 @@ class FromModel:
 class FromFiles:
     """Samples of files that `motion.readers` reads: CLIP.npz, CLIP.1.npz to CLIP.5.npz, or sample_1/CLIP.npz and so on.
 
-    There are `count` samples of each clip; None takes what is there. For `body` see `from_motion`.
+    There are `count` samples of each clip, or with None as many as there are files. For `body` see `from_motion`.
 
     Raises:
         UserError: a clip has no file, or clips have different numbers of files, or not `count`.

@@ -1,1 +1,1 @@
-"""Gestures while someone speaks: sound of a source goes through a model, and each frame to sinks at its time."""
+"""Gestures while someone speaks: sound from a source goes through a model, whose frames go to sinks in time."""

@@ -46,7 +46,7 @@ def wait_until(moment: float, clock: Clock, stop: StopFlag) -> bool:
 
 
 class Timeline:
-    """The times at which the samples of a run are heard; it remembers the last `seconds` of sound only."""
+    """The times at which the samples of a run are heard; it remembers only the last `seconds` of sound."""
 
     def __init__(self, seconds: float) -> None:
         self._pieces: collections.deque[tuple[int, float]] = collections.deque()

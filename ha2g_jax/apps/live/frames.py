@@ -1,4 +1,4 @@
-"""Frames of a live run: poses as the rigs of the sinks have them, and frames between those of the model."""
+"""Frames of a live run: poses in the rigs of the sinks, and interpolation between the frames of the model."""
 
 import math
 from collections.abc import Iterable
@@ -53,7 +53,7 @@ class Rigs:
         loaded = [rigs.load_rig(name) for name in sorted(set(names))]
         self._transfers = {rig.name: Transfer.between(own, rig) if rig.name != own.name else None for rig in loaded}
         self._last: dict[str, np.ndarray] = {}
-        # The solver imports large libraries when it is used first: here, so that the first frame is not late.
+        # The solver imports large libraries at its first use; this is done here so that the first frame is not late.
         solver.Solver(skeleton, fps).animate(skeleton.mean_directions[None])
 
     def convert(self, directions: np.ndarray) -> dict[str, Animation]:
@@ -71,7 +71,7 @@ class Interpolation:
     """Change of the frame rate of a motion that arrives frame by frame, linear between two frames of the model.
 
     Frame j of the result shows the time j / target. It is returned with the first frame of the model at or after this
-    time, so that it comes `delay` seconds later than a frame of the model at most.
+    time, so that it comes at most `delay` seconds later than a frame of the model.
 
     Args:
         fps: frames per second of the model.
@@ -90,7 +90,7 @@ class Interpolation:
 
     @property
     def delay(self) -> float:
-        """Seconds that a frame of the result waits at most for the frame of the model after it."""
+        """Longest time in seconds that a frame of the result waits for the next frame of the model."""
         return 1 / self._fps - math.gcd(self._fps, self.target) / (self._fps * self.target)
 
     def add(self, frames: np.ndarray) -> np.ndarray:

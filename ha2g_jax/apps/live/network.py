@@ -17,7 +17,7 @@ _CLOSE_SECONDS = 1.0  # for a client to answer that the connection is closed
 
 
 class Address(NamedTuple):
-    """Host and port, and what is spoken there, such as "vmc"."""
+    """Host and port, and the protocol there, such as "vmc"."""
 
     scheme: str
     host: str
@@ -53,7 +53,7 @@ def read_address(text: str, default_port: int | None = None) -> Address:
 def udp_target(address: Address) -> tuple[socket.socket, tuple]:
     """Return a socket for datagrams to an address, and the address as the socket takes it.
 
-    A host with addresses of both kinds, such as localhost, is reached by IPv4, on which most receivers listen.
+    A host with IPv4 and IPv6 addresses, such as localhost, is reached by IPv4, on which most receivers listen.
 
     Raises:
         UserError: the host is not known.
@@ -82,7 +82,7 @@ def serving(address: Address, handle: Callable[[Any], None], page: LivePage | No
     library = require("websockets.sync.server", "live")
     closed = require("websockets.exceptions", "live").ConnectionClosed
     logger = logging.getLogger(f"{__name__}.websockets")
-    # A client that speaks no WebSocket, or leaves, is no error of this program.
+    # A client that does not speak WebSocket, or leaves, is not an error of this program.
     logger.propagate, logger.handlers = False, [logging.NullHandler()]
 
     def guarded(connection: Any) -> None:

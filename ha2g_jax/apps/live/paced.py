@@ -1,4 +1,4 @@
-"""Motion of an agent in a conversation: a stream that keeps the pace of the clock, beside a program of asyncio."""
+"""Motion of an agent in a conversation: a stream that keeps pace with the clock, for programs with asyncio."""
 
 import asyncio
 import collections
@@ -23,7 +23,7 @@ CHANGES = ("state", "muted", "controls", "style")
 
 _logger = logging.getLogger(__name__)
 
-_WAITING = SAMPLE_RATE // 5  # samples of the other that may wait, as after a stall of the network
+_WAITING = SAMPLE_RATE // 5  # samples of the other speaker that may wait, for example after a network stall
 
 
 class PacedStream:
@@ -67,7 +67,7 @@ class PacedStream:
         return self._begun
 
     def hear(self, pcm: bytes, rate: int) -> None:
-        """Append sound of the person who is spoken with, of the form of `say`."""
+        """Append sound of the other speaker, in the form of `say`."""
         self._other.put(pcm, rate)
 
     def change(self, **attributes: Any) -> None:
@@ -85,7 +85,7 @@ class PacedStream:
     def cue(self, cue: Cue | str, at: float | None = None) -> None:
         """Give the stream a cue before the next frame, see `Stream.cue`.
 
-        A cue that the stream refuses, as where 64 wait already, is not made, and is logged as a warning.
+        A cue that the stream refuses, for example because 64 wait already, is not made, and is logged as a warning.
 
         Raises:
             UserError: there is no such gesture.
@@ -147,7 +147,7 @@ class _Voice:
         self._has_grown = True
 
     def take(self, count: int, most: int = 0) -> np.ndarray:
-        """Return the next samples, with silence after them where fewer wait; only the last `most` count."""
+        """Return the next samples, padded with silence if fewer wait; only the last `most` waiting ones are kept."""
         if not self._has_grown:
             self._end(self._rate)
         self._has_grown = False

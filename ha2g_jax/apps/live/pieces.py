@@ -1,4 +1,4 @@
-"""Pieces of sound that arrive: their bytes as samples, their samples at 16 kHz, and what is asked for between them."""
+"""Pieces of sound that arrive: decoding of their bytes, resampling to 16 kHz, and requests between them."""
 
 import io
 import re
@@ -17,7 +17,7 @@ from ha2g_jax.motion.cues import Cue
 
 _WAV = re.compile(rb"RIFF.{4}WAVE", re.DOTALL)
 _MOST_HEADER = 1 << 16  # bytes of a WAV before its sound
-_UNKNOWN_SIZE = 0x7FFF0000  # from which on the size of a WAV that is written to a pipe is not its size
+_UNKNOWN_SIZE = 0x7FFF0000  # sizes from here on in the header of a WAV from a pipe are not its size
 # How files begin that are neither raw PCM nor WAV.
 _OTHERS = {
     "FLAC": rb"fLaC",
@@ -30,14 +30,14 @@ _OTHERS = {
     "WebM": rb"\x1a\x45\xdf\xa3",
     "MP4": rb".{4}ftyp",
 }
-# Of a frame of MP3: rates of MPEG 1 and of later versions, and samples a second by the bits of the version.
+# For frames of MP3: bit rates of MPEG 1 and of later versions, and sample rates by the bits of the version.
 _MP3_KBPS = (32, 40, 48, 56, 64, 80, 96, 112, 128, 160, 192, 224, 256, 320)
 _MP3_LATER_KBPS = (8, 16, 24, 32, 40, 48, 56, 64, 80, 96, 112, 128, 144, 160)
 _MP3_RATES = {3: (44100, 48000, 32000), 2: (22050, 24000, 16000), 0: (11025, 12000, 8000)}
 
 
 class Change(NamedTuple):
-    """What a sender asks for: values of a stream, see `Stream`; a cue; or to drop the speech that is not shown yet."""
+    """A request of a sender: values of a stream, see `Stream`; a cue; or to drop the speech that is not shown yet."""
 
     muted: bool | None = None
     state: str | None = None
@@ -48,7 +48,7 @@ class Change(NamedTuple):
 class Chunk(NamedTuple):
     """Samples (samples,), float32 mono at 16 kHz, and the time of the clock at which the first of them is heard.
 
-    `other` are those of the person who is spoken with, and `change` takes effect before these samples.
+    `other` are those of the other speaker, and `change` takes effect before these samples.
     """
 
     samples: np.ndarray
@@ -87,7 +87,7 @@ class Resampler:
 class Decoder:
     """Conversion of the bytes of raw PCM or of a WAV to samples, mono or (samples, 2), at a rate, by default 16 kHz.
 
-    A WAV is known by its header, which says its rate, channels and type; part of a sample is kept for the next bytes.
+    A WAV is recognised by its header, which states rate, channels and type; part of a sample waits for the next bytes.
     Several WAVs may follow one another; bytes between the sound of one and the next are dropped. Values that are not
     finite become 0.
     """

@@ -1,4 +1,4 @@
-"""A live run: sound of a source goes through the stream of a model, and its frames to the sinks."""
+"""A live run: sound from a source goes through the stream of a model, and its frames go to the sinks."""
 
 import contextlib
 import gc
@@ -61,10 +61,10 @@ def run(
         sinks: where the frames go.
         look_ahead, hop, style, seed, controls: see `Model.stream`.
         muted, state: see `Stream`; until the source says otherwise.
-        delay: seconds that the sound is played later than the source gives it; by default the least, the latency of
-            the stream and the delay of the interpolation, with which frames leave when they are computed.
+        delay: seconds by which the sound is played later than the source gives it; by default the least, the latency of
+            the stream plus the delay of the interpolation, with which frames leave when they are computed.
         fps: frames per second that are sent, by default those of the model; other rates are interpolated.
-        stop: tells afterwards by which signal the run was ended; may be asked to end it.
+        stop: flag that can end the run; afterwards it holds the signal that ended it.
 
     Returns:
         Counts of the run.
@@ -85,7 +85,7 @@ def run(
             f"hop and frame rate, to {_LONGEST_DELAY:g} s"
         )
     with on_stop_signals(stop.ask, _SIGNALS, once=_SIGNALS):  # a second Ctrl-C interrupts at once
-        gc.freeze()  # to look through all that the model has left in memory delays a frame by half a second
+        gc.freeze()  # scanning all objects of the model would delay a frame by half a second
         try:
             meter = _follow(stream, source, sinks, interpolation, latency if delay is None else delay, stop)
         finally:
@@ -160,7 +160,7 @@ def _follow(
 
 
 def _change(stream: Stream, change: Change) -> None:
-    """Change a stream as its sender asks for."""
+    """Change a stream as its sender requests."""
     stream.muted = stream.muted if change.muted is None else change.muted
     stream.state = change.state or stream.state
     if change.clear:

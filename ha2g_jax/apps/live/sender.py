@@ -15,7 +15,7 @@ from ha2g_jax.apps.live.sinks import Sink
 from ha2g_jax.files.reading import reason
 
 TOO_LATE = 1.0  # seconds after its time at which a frame is dropped
-HELD_SECONDS = 10.0  # of frames that wait for their times; the computation waits beyond
+HELD_SECONDS = 10.0  # seconds of frames that wait for their times; with more, the computation waits
 _POLL = 0.05  # seconds
 _BINS = 10_000  # milliseconds; longer latencies count as the last
 
@@ -88,12 +88,12 @@ class Sender:
     dropped. The frames that wait are bounded: `put` waits while there are too many.
 
     Args:
-        sinks: take every frame.
+        sinks: receivers of every frame.
         fps: frames per second.
         delay: seconds from the moment that is heard to its frame; None to send frames as they are computed.
         allowed: seconds after its time from which a frame counts as late.
         clock: clock of the times.
-        meter: takes the counts.
+        meter: counts the frames.
     """
 
     def __init__(

@@ -28,7 +28,7 @@ from ha2g_jax.viewer.page import figure_message, frames_message, live_page
 
 PAGE = "/page"  # where the page connects that the sink serves
 _WAITING = 30  # messages that a page may be behind before it misses some
-_SILENT = 2.0  # seconds in which a page takes none of so many messages, after which it is dropped
+_SILENT = 2.0  # seconds after which a page that takes none of these messages is dropped
 _POLL = 0.1  # seconds until a connection notices that the run has ended
 _AGAIN = 1.0  # seconds between two descriptions of the joints, for receivers that start later
 VMC_PORT, VMC_RIG = 39539, "unity"
@@ -98,7 +98,7 @@ class _Page:
         self.full_since = None
 
     def put(self, text: str) -> bool:
-        """Let a message wait, or leave it out if too many wait; return whether the page still reads."""
+        """Queue a message, or leave it out if too many wait; return whether the page still reads."""
         with contextlib.suppress(queue.Full):
             self.messages.put_nowait(text)
             return True
@@ -156,7 +156,7 @@ class WebSocketSink:
         self._drop(page for page in pages if not page.put(texts[page.is_own]))
 
     def close(self) -> None:
-        """Let the connections end when they have sent what waits; drop those that take longer."""
+        """Let the connections end when they have sent what is queued; drop those that take longer."""
         self._is_closed = True
         end = time.monotonic() + _SILENT
         while self._pages and time.monotonic() < end:

@@ -1,10 +1,10 @@
 """Sources of sound: a file, standard input, the microphone, or a WebSocket that others send to.
 
-Sound that arrives by itself is taken from outside by a thread, which puts it into a queue of bounded length. It is
-opened when the run begins to listen, so that no sound waits for the model to be loaded. A pipe waits while the queue is
-full; a WebSocket is closed then, and the sound of a microphone is lost. What is sent is heard from the moment it
-arrives, or after the sound before it; where nothing is sent, silence is heard, so that the motion goes on. What is sent
-ahead waits here until its time, so that it can be dropped when its speaker is interrupted.
+A thread reads sound that arrives by itself and puts it into a queue of bounded length. The source is opened when the
+run begins to listen, so that no sound waits for the model to be loaded. If the queue is full, a pipe waits, a WebSocket
+is closed, and the sound of a microphone is lost. Sound is heard when it arrives, or after the sound before it; if
+nothing is sent, silence is heard, so that the motion goes on. Sound that is sent ahead waits here until its time, so
+that it can be dropped when its speaker is interrupted.
 """
 
 import collections
@@ -69,7 +69,7 @@ class Source(Protocol):
 class FileSource:
     """A file with sound, heard in real time or as fast as the computation takes it.
 
-    Of 2 channels the left one is the agent, and the right one the person who is spoken with.
+    If there are 2 channels, the left one is the agent and the right one the other speaker.
 
     Raises:
         UserError: the file cannot be used, see `features.audio.read_audio` and `read_voices`.
@@ -95,7 +95,7 @@ class FileSource:
 
 
 class Inbox:
-    """Sound that is sent in pieces of any length, on its way from the thread that receives it to the run."""
+    """Queue of sound in pieces of any length, from the thread that receives it to the run."""
 
     def __init__(self, rate: int, clock: Clock, channels: int = 1) -> None:
         self._rate, self._clock, self._channels = rate, clock, channels
@@ -200,7 +200,7 @@ class _Piece(NamedTuple):
 class PipeSource:
     """Standard input, or another file: raw PCM, 16 bits, little-endian, or a WAV, whose header says what it is.
 
-    It is mono; of 2 channels the left one is the agent, and the right one the person who is spoken with.
+    It is mono; if there are 2 channels, the left one is the agent and the right one the other speaker.
 
     Raises:
         UserError: standard input is a terminal.
@@ -236,7 +236,7 @@ class PipeSource:
 
 
 class WebSocketSource:
-    """A WebSocket to which one client at a time sends binary messages of PCM or WAV as of `PipeSource`, and changes."""
+    """A WebSocket to which one client at a time sends changes, and PCM or WAV as in `PipeSource` in binary messages."""
 
     is_timed, lost_seconds = True, 0.0
 
@@ -375,13 +375,13 @@ class MicrophoneSource:
 
 
 def open_source(text: str, rate: int | None = None, is_fast: bool = False, channels: int = 1) -> Source:
-    """Return a source, whose sound begins when it is asked for.
+    """Return a source, whose sound begins when its chunks are read.
 
     Args:
         text: path of a file with sound, "stdin", "microphone" or ws://HOST:PORT.
         rate: samples per second of "stdin", "microphone" or the WebSocket; by default that of the microphone, or 16000.
         is_fast: whether a file is taken as fast as it is computed.
-        channels: 2 for the agent and the person who is spoken with; not of a microphone.
+        channels: 2 for the agent and the other speaker; not for a microphone.
 
     Raises:
         UserError: the source is not known, cannot be used or does not take these options, or its library is missing.

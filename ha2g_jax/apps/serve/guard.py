@@ -1,4 +1,4 @@
-"""What every request passes first: the rate of its client, its host, its origin and its token."""
+"""Checks that every request must pass first: the rate of its client, its host, its origin and its token."""
 
 import hmac
 import ipaddress
@@ -78,7 +78,7 @@ class Guard:
 
 
 class Rates:
-    """Requests of each address: a full minute's at once, then as many as the rate allows.
+    """Rate limit of each address: the requests of a minute at once, then as many as the rate allows.
 
     Args:
         rate: requests a minute, 0 for any number.
@@ -120,8 +120,9 @@ def _is_allowed(origin: str, host: str, settings: Settings) -> bool:
 def _is_known(host: str, settings: Settings) -> bool:
     """Return whether the host of a request is loopback, or one that the user has named.
 
-    A page of another site may have pointed the name of its own host at this machine; it cannot do so with an address,
-    nor leave out the host, as probes of health do. Without a token such requests are refused all the same.
+    The page of another site may have pointed the name of its own host at this machine (DNS rebinding). It cannot do so
+    with an address, nor leave out the host, as health probes do. Without a token such requests are refused all the
+    same.
     """
     name = _name(f"//{host}")
     if name in (*_LOOPBACK, settings.host.lower(), *map(_name, settings.origins)) and name:

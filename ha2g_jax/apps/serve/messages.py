@@ -1,6 +1,6 @@
-"""What clients may ask for, checked: the query of a motion, and the JSON messages of a stream.
+"""Validated requests of clients: the query of a motion, and the JSON messages of a stream.
 
-Paths are no part of them: a request reads no file of the machine.
+They contain no paths: a request reads no file of the machine.
 """
 
 import pathlib
@@ -84,7 +84,7 @@ class _Message(BaseModel):
 
 
 class StyleMessage(_Message):
-    """A style: at most one of a speaker, a mixture and a seed; without any, it is random; see `Style`."""
+    """A style: at most one of a speaker, a mixture and a seed; random without any; see `Style`."""
 
     speaker: str | None = None
     mixture: dict[str, float] | None = None
@@ -122,7 +122,7 @@ class Begin(_Message):
 
 
 class Change(_Message):
-    """Later message of a stream: what is given is changed, a cue is made, speech is dropped, or the stream ends."""
+    """Later message of a stream, which changes the given values, makes a cue, drops speech, or ends the stream."""
 
     style: StyleMessage | None = None
     controls: ControlsMessage | None = None
@@ -141,7 +141,7 @@ class Change(_Message):
         raise ValueError("expected true, or the number of a frame")
 
     def asked_cue(self) -> Cue | None:
-        """Return the cue; a clip is none, as it reads a file of the machine.
+        """Return the cue; clips are not allowed, because they would read a file of the machine.
 
         Raises:
             UserError: there is no such cue, or the time is not a number of seconds.

@@ -35,11 +35,11 @@ from ha2g_jax.progress import stage
 from ha2g_jax.synthesis.model import Model, load
 
 _TICK = 0.05  # seconds between two looks at what is running
-_REPORT_TICKS = 5  # of 0.1 s, after which a report is sent that has no news
+_REPORT_TICKS = 5  # ticks of 0.1 s after which a report is sent even if nothing has changed
 
 
 def _is_error(record: logging.LogRecord) -> bool:
-    """Return whether a line of the log is about an error, not about a stream that was refused or a client's text."""
+    """Return whether a log record is about an error, not about a refused stream or a malformed message."""
     return not any(text in record.getMessage() for text in ("without completing handshake", "Invalid UTF-8 sequence"))
 
 
@@ -75,11 +75,11 @@ def leave(service: Service, code: int = 0) -> None:
 
 
 def warm_up(model: Model) -> None:
-    """Compile what the first requests would wait for."""
+    """Compile the programs that the first requests would wait for."""
     model.generate(np.zeros(SAMPLE_RATE, np.float32))
     with contextlib.suppress(UserError):  # a model that reads words has no streams
         model.stream()
-    gc.freeze()  # to look through all that the model has left in memory delays a frame by half a second
+    gc.freeze()  # scanning all objects of the model would delay a frame by half a second
 
 
 class Server(uvicorn.Server):

@@ -1,4 +1,4 @@
-"""What all requests of a service share: the model, the limits, the counters, and the threads of the computation."""
+"""What all requests of a service share: the model, the limits, the counters, and the threads that compute."""
 
 import asyncio
 import contextlib
@@ -27,7 +27,7 @@ _FEED_SECONDS = (0.002, 0.005, 0.01, 0.02, 0.04, 0.0667, 0.1, 0.2, 0.5, 1)
 class Counters:
     """Counters of one service in the form of Prometheus; where there are several workers, the sums over them.
 
-    A stream that begins counts among the requests with status 101; errors have the code of the close of the stream.
+    A stream that begins counts as a request with status 101; errors are labelled with the close code of the stream.
     """
 
     def __init__(self) -> None:
@@ -62,7 +62,7 @@ class Counters:
 
 
 class Full(Exception):
-    """There is no free place for a request."""
+    """No slot is free for a request."""
 
 
 class Stopped(Exception):
@@ -70,10 +70,10 @@ class Stopped(Exception):
 
 
 class Places:
-    """A number of places, one for each request that runs.
+    """A number of slots, one for each running request.
 
     Attributes:
-        taken: number of those that are taken.
+        taken: number of slots that are taken.
         changed: function that is called when that number has changed.
     """
 
@@ -87,10 +87,10 @@ class Places:
 
     @contextlib.contextmanager
     def take(self) -> Iterator[None]:
-        """Take a place in this context; without waiting, so that nothing queues up.
+        """Take a slot in this context, without waiting, so that nothing queues up.
 
         Raises:
-            Full: all places are taken.
+            Full: all slots are taken.
         """
         if self.are_taken:
             raise Full
@@ -107,7 +107,7 @@ class Places:
 
 
 class Service:
-    """A model and the state of the service that generates with it: places of requests for motion, and of streams.
+    """A model and the state of the service that generates with it: slots for requests for motion, and for streams.
 
     Attributes:
         folder: folder of temporary files, that of the system by default.
@@ -120,7 +120,7 @@ class Service:
         self.motions = Places(settings.requests, self.counters.running)
         self.sessions = Places(settings.sessions, self.counters.sessions)
         self.is_stopping = False
-        # As many threads as places: no stream waits for the thread of a long motion.
+        # As many threads as slots, so that no stream waits for the thread of a long motion.
         self._stopped = asyncio.Event()
         self._work: set[Future] = set()
         self._threads = ThreadPoolExecutor(max(settings.requests + settings.sessions, 1), "ha2g-serve")
@@ -131,11 +131,11 @@ class Service:
 
     @property
     def is_computing(self) -> bool:
-        """Whether a thread is computing, maybe for a request that has ended."""
+        """Whether a thread is computing, perhaps for a request that has ended."""
         return any(not work.done() for work in tuple(self._work))
 
     async def run(self, answer: Coroutine[Any, Any, Result]) -> Result:
-        """Return the result of what a request or a stream does, which is cancelled when the service is stopped.
+        """Return the result of the work of a request or a stream, which is cancelled when the service is stopped.
 
         Raises:
             Stopped: the service was stopped first.

@@ -16,21 +16,21 @@ _MIN_TOKEN = 16  # characters
 
 @dataclasses.dataclass(frozen=True)
 class Settings:
-    """Settings of `ha2g serve`; those of an address that other machines reach need a token.
+    """Settings of `ha2g serve`; an address that other machines can reach needs a token.
 
     Attributes:
         host: name or address to listen at.
         port: port to listen at, 0 for a free one.
         token: secret that requests must have, at least 16 characters; None for none.
         origins: origins of web pages of other hosts that may use the service, such as "https://example.org".
-        workers: processes, each with a model of its own; the limits below are those of one of them.
-        sessions: streams at a time.
-        requests: requests for motion at a time.
+        workers: number of processes, each with its own model; the limits below apply to each of them.
+        sessions: maximum number of streams at a time.
+        requests: maximum number of requests for motion at a time.
         rate: requests a minute from one address of a client, 0 for any number.
-        max_bytes: bytes of the body of a request.
-        max_seconds: seconds of the sound of a request.
+        max_bytes: maximum size of the body of a request, in bytes.
+        max_seconds: maximum length of the sound of a request, in seconds.
         upload_seconds: seconds that the body of a request may take to arrive.
-        message_bytes: bytes of a message of a stream.
+        message_bytes: maximum size of a message of a stream, in bytes.
         session_seconds: seconds that a stream may last.
         idle_seconds: seconds that a client of a stream may neither send nor receive.
         grace: seconds that running requests may go on after SIGTERM.
@@ -54,7 +54,7 @@ class Settings:
 
 
 def check(settings: Settings) -> None:
-    """Check what the options of the command do not: numbers in range, and a token where other machines reach the host.
+    """Check that numbers are in range, and that there is a token if other machines can reach the host.
 
     Raises:
         UserError: a setting is not valid, or the host is not a loopback address and there is no token.

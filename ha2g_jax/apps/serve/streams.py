@@ -70,7 +70,7 @@ class Session(NamedTuple):
 
     Attributes:
         channels: 1, the agent, or 2, with the other.
-        resampler: from the rate of the client to 16 kHz, None where it is 16 kHz.
+        resampler: from the rate of the client to 16 kHz, None if the client sends 16 kHz.
     """
 
     stream: Stream
@@ -110,7 +110,7 @@ class Session(NamedTuple):
         return self.stream.feed(*rest.T)
 
     def change(self, asked: Change) -> int | None:
-        """Change what is asked for, and return the first frame that goes on if speech was dropped.
+        """Make the requested changes, and return the number of the next frame if speech was dropped.
 
         Raises:
             UserError: a value cannot be used; nothing has changed.

@@ -35,13 +35,13 @@ _SILENT_SECONDS = 2.0  # without a report, after which connections go to other w
 
 
 class Report(NamedTuple):
-    """What a worker tells its parent.
+    """What a worker reports to its parent.
 
     Attributes:
         is_ready: whether it takes connections.
         received: connections that it has received so far.
         open: connections that are open.
-        is_full: whether all its places for streams are taken.
+        is_full: whether all its slots for streams are taken.
         error: reason for which it cannot begin, one line.
     """
 
@@ -63,8 +63,8 @@ class Child:
     """A worker as its parent sees it: its process, and a socket to it.
 
     Attributes:
-        report: what it told last.
-        unreceived: connections that were given to it, and of which it has not told that it received them.
+        report: its last report.
+        unreceived: connections that were given to it and that it has not yet reported as received.
     """
 
     def __init__(self, process: asyncio.subprocess.Process, control: socket.socket, folder: str):
@@ -104,7 +104,7 @@ class Child:
 
     @property
     def rank(self) -> tuple[bool, bool, int]:
-        """Return its place in the order in which workers are given connections: those that are free come first."""
+        """Return the sort key by which workers are given connections: free ones come first."""
         is_silent = time.monotonic() - self._heard > _SILENT_SECONDS
         return is_silent, self.report.is_full, self.report.open + len(self.unreceived)
 
@@ -174,7 +174,7 @@ def run(checkpoint: str | pathlib.Path, settings: Settings) -> None:
 
 
 def next_wait(wait: float, lasted: float) -> float:
-    """Return the seconds before a worker is replaced, so that one that ends soon is started ever more rarely.
+    """Return the seconds before a worker is replaced; the wait grows if workers end soon after their start.
 
     Args:
         wait: seconds before this one was started.

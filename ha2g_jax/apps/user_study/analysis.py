@@ -23,8 +23,8 @@ def analyse(paths: Sequence[pathlib.Path], study: pathlib.Path) -> dict[str, Any
 
     Returns:
         "study", "title", "level"; "participants", "excluded" and "answers" (what was counted); "opinion", "preference"
-        and "mismatch", each None without such answers; "agreement"; "comments". Numbers that are undefined are
-        None, and a bound that has no end is "inf" or "-inf".
+        and "mismatch", each None without such answers; "agreement"; "comments". Undefined numbers are None, and an
+        infinite bound is "inf" or "-inf".
 
     Raises:
         UserError: there is no key or no answer file, or the package of the extra report is missing.
@@ -124,7 +124,7 @@ def _share(found: Share) -> dict[str, Any]:
 
 
 def _rows(estimates: CrossedEstimate, names: Sequence[str], *fields: str) -> list[dict[str, Any]]:
-    """Return a row for each pair of systems, "first" less "second"."""
+    """Return a row for each pair of systems, "first" minus "second"."""
     return [
         {"first": first, "second": second, **_json(CrossedEstimate(*(column[number] for column in estimates)), *fields)}
         for number, (first, second) in enumerate(itertools.combinations(names, 2))
@@ -136,7 +136,7 @@ def _json(estimate: CrossedEstimate, *fields: str) -> dict[str, Any]:
 
 
 def _number(value: Any) -> float | str | None:
-    """Return a number of JSON, "inf" or "-inf" for a bound that has no end, None for what is undefined."""
+    """Return a number for JSON, "inf" or "-inf" if it is infinite, None if it is undefined."""
     return str(float(value)) if math.isinf(value) else number(float(value))
 
 

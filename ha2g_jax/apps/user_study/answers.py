@@ -1,4 +1,4 @@
-"""Strict reading of answer files: each is kept whole, or left out with a reason. Nothing in a file is ever run."""
+"""Strict reading of answer files: each is kept whole, or excluded with a reason. Nothing in a file is ever run."""
 
 import datetime
 import math
@@ -29,7 +29,7 @@ class Answer(NamedTuple):
 
     Attributes:
         ratings: number for each scale of the key, or for an attention check the number that was chosen.
-        outcome: for a pair of stimuli: 1 if the first one in the key was preferred, -1 if the second one was, else 0.
+        outcome: for a pair of stimuli, 1 if the first one in the key was preferred, -1 if the second one was, else 0.
     """
 
     item: Item
@@ -48,7 +48,7 @@ class Participant(NamedTuple):
 
 
 class Exclusion(NamedTuple):
-    """A file that is left out: its name as printable text, the participant if the file has a valid name, the reason."""
+    """An excluded file: its name as printable text, the participant if the file has a valid name, and the reason."""
 
     file: str
     participant: str
@@ -122,7 +122,7 @@ def _name_of(content: Any) -> str:
 
 
 def _participant(content: Any, path: pathlib.Path, key: Key) -> Participant:
-    """Check a whole file; the ValueError of what is wrong is the reason of its exclusion."""
+    """Check a whole file; the message of the ValueError is the reason for its exclusion."""
     _check(isinstance(content, dict), "not a JSON object")
     _check(content.get("format") == _FORMAT, f'no "format": "{_FORMAT}"')
     _check(
@@ -224,7 +224,7 @@ def _check(is_right: bool, what: str) -> None:
 
 
 class Ratings(NamedTuple):
-    """Ratings, n of them: indices (n,) of what they are of, and the numbers (n, scales) that were chosen.
+    """n ratings: indices (n,) of participant, clip and system, and the chosen numbers (n, scales).
 
     A system is an index of `systems`, and the clip is the one whose sound is heard.
     """
@@ -238,7 +238,7 @@ class Ratings(NamedTuple):
 
 
 class Choices(NamedTuple):
-    """Choices between the two stimuli of a pair, n of them: indices (n,) of what they are of.
+    """n choices between the two stimuli of a pair: indices (n,) of participant, clip and systems, and the outcome.
 
     The clip is the one whose sound is heard; `first` and `second` are indices in `Key.systems`, and the outcome is 1 if
     the first one was preferred, -1 if the second one was, 0 if they were equal.

@@ -1,9 +1,9 @@
 """Strengths of systems from choices between two of them: the model of Bradley and Terry (1952), with intervals.
 
 P(i is preferred to j) = 1 / (1 + exp(-(s_i - s_j))) among the choices that prefer one, with strengths s in logits. This
-holds in Davidson's (1970) model of choices for neither, too, so that the same strengths are estimated without them; as
-half a win of each system they would pull all strengths together. The estimate is that of maximum likelihood (Zermelo
-1929, Hunter 2004), computed by choix (Maystre and Grossglauser 2015).
+also holds in Davidson's (1970) model of choices for neither, so that the same strengths are estimated without them;
+counted as half a win of each system, they would pull all strengths together. The estimate is that of maximum likelihood
+(Zermelo 1929, Hunter 2004), computed by choix (Maystre and Grossglauser 2015).
 """
 
 import itertools
@@ -24,7 +24,7 @@ class Strengths(NamedTuple):
     """Strengths of the compared systems (S,), relative to their mean over `finite`; a missing bound is infinite.
 
     Attributes:
-        differences: estimates (pairs,), first system less second, in the order of `itertools.combinations`.
+        differences: estimates (pairs,), first system minus second, in the order of `itertools.combinations`.
         finite: (S,) whether the system belongs to the largest group whose strengths maximum likelihood determines.
         is_connected: whether choices that prefer one connect every system with every other one, directly or not.
     """
@@ -47,7 +47,7 @@ def wins_of(choices: Choices, num_systems: int, groups: np.ndarray) -> np.ndarra
 def fit(wins: np.ndarray) -> np.ndarray:
     """Return the strengths of maximum likelihood, which sum to 0, from wins (S, S) of the row over the column.
 
-    From each system there has to be a chain of wins to each other one, or else a strength is infinite (Ford 1957).
+    There must be a chain of wins from each system to every other one, or else a strength is infinite (Ford 1957).
     """
     import choix
 
@@ -63,10 +63,10 @@ def standard_errors(wins: np.ndarray, strengths: np.ndarray, contrasts: np.ndarr
 def estimate(choices: Choices, num_systems: int) -> Strengths:
     """Return strengths and differences of at least one choice with intervals over participants and clips.
 
-    To each two systems that were compared, 1 / S wins of both are added, S being the number of systems. In a balanced
-    design this is Firth's (1993) correction of the bias of maximum likelihood, and it keeps the strength of a system
-    that was never chosen finite. Where maximum likelihood has no finite difference, the bound to that side is infinite.
-    The variance is at least that for independent choices.
+    For each two systems that were compared, 1 / S wins of both are added, where S is the number of systems. In a
+    balanced design this is Firth's (1993) correction of the bias of maximum likelihood, and it keeps the strength of a
+    system that was never chosen finite. Where maximum likelihood has no finite difference, the bound on that side is
+    infinite. The variance is at least that for independent choices.
     """
     used = np.unique([choices.first, choices.second])
     place = np.ix_(used, used)

@@ -1,10 +1,10 @@
 """The design of a study: its items, balanced lists of them for participants, and the key that says what they show.
 
-All choices are functions of the seed. Rows are systems, or pairs of systems, and columns are clips. A list holds the
-same number of clips of every row, taken from the clips in a cycle that starts further on in the next list, so that over
-all lists every item occurs equally often. Rows start at different clips of the cycle, as in a Latin square.
+All choices are determined by the seed. Rows are systems, or pairs of systems, and columns are clips. A list holds the
+same number of clips of every row. They are taken from the clips in a cycle that starts further on in the next list, so
+that over all lists every item occurs equally often. Rows start at different clips of the cycle, as in a Latin square.
 
-The site of a study names stimuli by opaque ids alone; `key.json`, which is not published, says what they are.
+The site of a study names stimuli only by opaque ids; `key.json`, which is not published, says what they are.
 """
 
 import collections
@@ -48,7 +48,7 @@ _ROUNDING = 0.1  # seconds by which clips may differ and still count as equally 
 
 
 class Stimulus(NamedTuple):
-    """A video that participants see, of motion that was made for a clip.
+    """A video that participants see, with motion that was made for a clip.
 
     Attributes:
         matched: whether the sound is that of the clip.
@@ -77,7 +77,7 @@ class Item(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Key:
-    """What the owner of a study keeps: its id, which the answers repeat, and its stimuli by opaque id.
+    """The private record of a study: its id, which the answers repeat, and its stimuli by opaque id.
 
     The time of creation is in ISO 8601. `per_participant` counts the items of each kind that a participant answers.
     """
@@ -141,7 +141,7 @@ def read_key(study: pathlib.Path) -> Key:
 
 
 class Scene(NamedTuple):
-    """Videos that are compared with each other, and so have one sound, one camera and one length.
+    """Videos that are compared with each other, and so have the same sound, camera and length.
 
     The part is `MISMATCH` for pairs of that part, `ATTENTION` for a check, or else `RATING`. The sound of `clip` is
     heard; a check shows its motion and says `number`, which is None in other scenes.
@@ -185,8 +185,8 @@ def make_design(
 
     Args:
         durations: length in seconds of each clip.
-        per_participant: items of each part that a participant answers at most; a participant answers an equal number
-            for every system, or pair of systems, and at least one.
+        per_participant: maximum number of items of each part for a participant, who answers an equal number for every
+            system, or pair of systems, and at least one.
         attention: number of attention checks that every participant answers, 0 to 5.
 
     Raises:
@@ -218,7 +218,7 @@ def make_design(
 
 
 def mismatched_clips(clips: Sequence[str], durations: Mapping[str, float]) -> dict[str, str]:
-    """Choose for each of two clips or more another one of about the same length, shown with the sound of the first.
+    """Choose for each clip, of at least two, another one of about the same length, to show with the sound of the first.
 
     The motion of every clip is used once. The order of `clips` decides among clips of equal length.
     """
@@ -242,7 +242,7 @@ def _main_rows(systems: Sequence[str], clips: Sequence[str], parts: Sequence[str
 
 
 def _mismatch_rows(systems: Sequence[str], clips: Sequence[str], others: Mapping[str, str], add: _Add) -> list[_Row]:
-    """Return the items of the mismatch; their stimuli are their own, as a shared one would show that it is matched."""
+    """Return the items of the mismatch; they share no stimuli, because a shared one would show that it is matched."""
     rows = []
     for column, clip in enumerate(clips):
         for row, system in enumerate(systems):
@@ -271,7 +271,7 @@ def _lists(
     num_lists = math.lcm(1, *(num_clips // math.gcd(num_clips, each) for each in rounds.values()))
 
     def has(number: int, entry: _Row) -> bool:
-        """Return whether a list has an item: so many clips of each row, and all checks."""
+        """Return whether a list has an item: its share of the clips of each row, and all checks."""
         each = rounds.get(entry.kind)
         return each is None or (entry.column - (number + entry.row) * each) % num_clips < each
 

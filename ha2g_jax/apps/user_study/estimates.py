@@ -1,9 +1,9 @@
-"""Intervals of statistics whose answers are crossed: each is by one participant, about one clip, and both are samples.
+"""Intervals of statistics of crossed answers: each is by one participant, about one clip, and both are sampled.
 
 The variance of a statistic is that over participants plus that over clips, each by the delete-one jackknife (Efron and
 Tibshirani 1993, chapter 11). In a complete design these are the two mean squares of the tests F1 and F2, and their sum
 is the denominator of min F' (Clark 1973). The part of the variance that is due to single answers is in both, so that
-the interval is rather too wide than too narrow.
+the interval tends to be too wide rather than too narrow.
 """
 
 import itertools
@@ -49,7 +49,7 @@ def jackknife(parts: np.ndarray, is_used: np.ndarray | None = None) -> Spread:
     """Return the delete-one variance, (G - 1) / G sum_g (s_g - mean s)^2.
 
     `parts` (..., G) are the statistic without each of the G participants or clips, and `is_used` says which have
-    answers, by default all. The variance (...) is NaN where fewer than two are used, or one of these statistics is
+    answers, by default all. The variance (...) is NaN if fewer than two are used or one of these statistics is
     undefined.
     """
     is_used = np.ones(parts.shape, bool) if is_used is None else is_used
@@ -66,9 +66,9 @@ def crossed(
 ) -> CrossedEstimate:
     """Return the t interval of a statistic over participants and clips.
 
-    The variance is v_p + v_c, with (v_p + v_c)^2 / (v_p^2 / (P - 1) + v_c^2 / (C - 1)) degrees of freedom, as of min F'
-    (Clark 1973), but at least `least`. With one clip the interval is about participants alone; with one participant
-    there is none, nor where all answers agree, as nothing is then known of how much others would differ.
+    The variance is v_p + v_c, but at least `least`, with (v_p + v_c)^2 / (v_p^2 / (P - 1) + v_c^2 / (C - 1)) degrees of
+    freedom, as for min F' (Clark 1973). With one clip the interval is only about participants. With one participant, or
+    if all answers agree, there is no interval, because nothing is known about how much others would differ.
     """
     variance, freedom = _total(participants, clips)
     variance = np.maximum(variance, least)
@@ -156,10 +156,10 @@ def interval(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the bounds and the p-value of a share, for choices that depend on participants and clips.
 
-    Korn and Graubard 1998: the interval of Clopper and Pearson for n* choices in place of n, with
-    n* = value (1 - value) / variance, and times (t_(n - 1) / t_d)^2, because the variance is estimated with d degrees
-    of freedom. n* is at most n. A share of 0 or 1 has no variance: there n* is the number of participants, as if each
-    of them would always choose the same. Of `count` choices n, `value` is the share.
+    Korn and Graubard 1998: the interval of Clopper and Pearson for n* choices instead of n, with
+    n* = value (1 - value) / variance, times (t_(n - 1) / t_d)^2, because the variance is estimated with d degrees of
+    freedom. n* is at most n. A share of 0 or 1 has no variance; then n* is the number of participants, as if each of
+    them always chose the same. `count` is the number n of choices, and `value` the share.
 
     Returns:
         Lower bound, upper bound, and the two-sided p-value of a share of a half: twice the smaller tail of the binomial
@@ -186,15 +186,16 @@ def system_differences(
 ) -> CrossedEstimate:
     """Return the paired differences of mean scores of all pairs of systems, in the order of `itertools.combinations`.
 
-    Least squares with an effect of each system, each participant and each clip: score = system + participant + clip +
-    rest. In a complete design this is the difference of the means; in an incomplete one, participants who rate low or
-    clips that are hard count for no system. An interval has the differences between participants and between clips.
+    They come from least squares with an effect of each system, participant and clip: score = system + participant +
+    clip + rest. In a complete design this is the difference of the means; in an incomplete one, participants who rate
+    low and hard clips do not count against a system. An interval includes the variation between participants and
+    between clips.
 
     The scores (n,) are by a participant, about a clip and a system, whose indices are (n,), too.
 
     Returns:
-        Estimates (pairs,): first system less second. NaN where no answers connect the two, such as of participants who
-        each rated one system only, and NaN bounds where this is so without one of the participants or clips.
+        Estimates (pairs,): first system minus second. NaN if no answers connect the two, for example because every
+        participant rated only one system, and NaN bounds if this is so without one of the participants or clips.
     """
     shape = (participants.max() + 1, num_systems, clips.max() + 1)
     cells = np.ravel_multi_index((participants, systems, clips), shape)

@@ -1,4 +1,4 @@
-"""A study from folders of motion: the site that is published, with its videos, and the key that is not."""
+"""Make a study from folders of motion: the site with its videos, which is published, and the key, which is not."""
 
 import datetime
 import hashlib
@@ -48,7 +48,7 @@ _TOLERANCE = 0.5  # seconds by which a motion may be shorter than its sound
 _FADE = 0.03  # seconds at the end of a sound that is cut
 _VOICE = Voice("en-us", "f2", pitch=50, pitch_range=50, rate=140)
 _NUMBERS = ("zero", "one", "two", "three", "four", "five")
-_BAND = 0.15  # metres above the figure for what is written in a check
+_BAND = 0.15  # metres above the figure for the text of a check
 _SILENCE = 0.5  # seconds before and after the words of a check
 
 
@@ -133,9 +133,9 @@ def _make_key(
 
 
 class Sources(NamedTuple):
-    """What a study shows: motion by system and clip, all of one skeleton with the same lengths of bones.
+    """What a study shows: motion by system and clip, all on one skeleton with the same bone lengths.
 
-    The sounds are (samples,) float32 at 16 kHz by clip. For the duration of a clip there are sound and all motions.
+    The sounds are (samples,) float32 at 16 kHz by clip. Sound and all motions last at least as long as the clip.
     """
 
     motions: Mapping[str, Mapping[str, Motion]]
@@ -175,7 +175,7 @@ def read_sources(
     """Read the motion of all systems and its sound; the options are those of `make_study`.
 
     The sound of a clip is the file of the same name in `speech`, or else beside the motion of any system. Every figure
-    gets the lengths of bones of the skeleton, so that participants cannot tell systems by the build of a person.
+    gets the bone lengths of the skeleton, so that participants cannot recognise systems by the build of a person.
 
     Raises:
         UserError: a folder lacks a clip, a clip lacks sound, motion is much shorter than its sound, a clip is shorter

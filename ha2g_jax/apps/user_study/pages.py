@@ -39,7 +39,7 @@ _CLOSING = "Thank you for taking part."
 
 
 class Wording(NamedTuple):
-    """What the owner of a study sets: texts in paragraphs, and the address that answers are sent to, if any."""
+    """The texts of a study, in paragraphs, and the address that answers are sent to, if any."""
 
     title: str
     consent: tuple[str, ...]

@@ -1,8 +1,8 @@
 """How many participants a study needs: simulated studies, analysed by the functions that analyse answers.
 
 In a simulated study, each participant answers `items` of `clips` clips, and for a difference of scores each of these
-for both systems. A difference d of a participant and a clip is mean + participant + clip + rest, each normal; a choice
-is one of two, with logits that vary normally over participants and clips around what gives the share.
+for both systems. The difference d for a participant and a clip is mean + participant + clip + rest, each normal. A
+choice is one of two, with logits that vary normally over participants and clips around the value that gives the share.
 """
 
 import functools
@@ -36,7 +36,7 @@ _CELLS, _CLIPS = 2_000_000, 50  # numbers that are drawn at a time, as if there 
 class Spreads(NamedTuple):
     """Standard deviations of differences of scores or of shares, between participants, and between clips.
 
-    The `rest` is that of one rating around all of this; for choices it follows from the share and is not used.
+    `rest` is the standard deviation of one rating around these; for choices it follows from the share and is not used.
     """
 
     participants: float
@@ -45,7 +45,7 @@ class Spreads(NamedTuple):
 
 
 class Plan(NamedTuple):
-    """A study whose power is asked for: of a number of clips, each participant answers `items`.
+    """A study whose power is computed: each participant answers `items` of `clips` clips.
 
     Attributes:
         equal: share of choices for neither; 0 for ratings.
@@ -59,7 +59,7 @@ class Plan(NamedTuple):
 
 
 Simulation = Callable[[np.random.Generator, int, int], np.ndarray]
-"""Function of a generator, a number of simulations and of participants to whether each finds the effect."""
+"""Function that maps a generator and the numbers of simulations and participants to whether each finds the effect."""
 
 
 def of_difference(difference: float, spreads: Spreads, plan: Plan) -> Simulation:
@@ -247,8 +247,8 @@ def power_table(
 def read_pilot(measure: str, paths: Sequence[pathlib.Path], key: Key) -> tuple[Spreads, float]:
     """Estimate standard deviations and the share of equal choices from the answers of a pilot study.
 
-    The delete-one variances over participants and clips are set equal to what the standard deviations give, negative
-    results are 0, and the results are averages over scales and pairs of systems.
+    The delete-one variances over participants and clips are set equal to those that the standard deviations imply,
+    negative results are set to 0, and the results are averaged over scales and pairs of systems.
 
     Raises:
         UserError: the answers cannot be read, or have too little to estimate standard deviations.

@@ -21,12 +21,12 @@ from ha2g_jax.files.writing import whole_file, writing
 _TESTS = ("p", "p, Holm", "exact p [95 %]", "equal as half")
 _INTERVALS = """\
 Intervals are of 95 % and about other participants and other clips: their variance is that over participants plus \
-that over clips (jackknife), with the degrees of freedom of min F' (Clark 1973). They are rather too wide than too \
-narrow. With one clip they are about other participants only; where all answers agree there is none."""
+that over clips (jackknife), with the degrees of freedom of min F' (Clark 1973). They tend to be too wide rather than \
+too narrow. With one clip they are only about other participants; if all answers agree there is none."""
 
 _DIFFERENCES = """\
-First system less second, by least squares with an effect of each system, participant and clip: the difference of the \
-means where every participant rates everything. p is of the hypothesis of no difference; "p, Holm" is corrected for \
+First system minus second, by least squares with an effect of each system, participant and clip: the difference of the \
+means where every participant rates everything. p is for the hypothesis of no difference; "p, Holm" is corrected for \
 all pairs of a scale, not for several scales."""
 
 _PREFERENCE = """\
@@ -235,7 +235,7 @@ def _mark(one: Mapping[str, Any]) -> Mark:
 
 
 def _interval(one: Mapping[str, Any]) -> str:
-    """Format a value with its interval; a bound that has no end is a word."""
+    """Format a value with its interval; an infinite bound becomes a word."""
     if one["value"] is None:
         return "-"
     if one["low"] is None or one["high"] is None:
@@ -324,10 +324,10 @@ def _page(found: Sequence[Section], charts: Mapping[str, str]) -> str:
 
 
 def _plain(text: str) -> str:
-    """Return a text in one line, without control characters and those that turn the direction of others."""
+    """Return a text in one line, without control characters and those that change the direction of text."""
     return "".join(letter if letter.isprintable() else " " for letter in text)
 
 
 def _escape(text: str) -> str:
-    """Return a text that Markdown shows as it is: HTML and all that marks up are escaped."""
+    """Return a text that Markdown shows as it is: HTML and all markup are escaped."""
     return _SPECIAL.sub(r"\\\1", html.escape(_plain(text), quote=False))

@@ -1,4 +1,4 @@
-"""The folder of a site: page, scripts, model, and what a browser keeps of them to work offline."""
+"""The folder of a site: page, scripts, model, and the list of files that a browser caches to work offline."""
 
 import base64
 import hashlib
@@ -20,7 +20,7 @@ from ha2g_jax.progress import stage
 from ha2g_jax.viewer.packing import pack_body
 from ha2g_jax.viewer.page import read_asset
 
-LIST = "site.json"  # names the files of a site, so that another site may take its place
+LIST = "site.json"  # names the files of a site, so that another site may replace it
 _FORMAT = "ha2g-site 1"
 _MAX_LIST_BYTES = 2**20
 # Scripts of the viewer that the page uses; it has its own for sound, controls and keys.
@@ -33,7 +33,7 @@ _UNREACHABLE = (
     *("ENOTFOUND", "EAI_AGAIN", "ECONNREFUSED", "ECONNRESET"),
     *("ETIMEDOUT", "ENETUNREACH", "ERR_SOCKET_TIMEOUT"),
 )
-_SECONDS = 900  # of one run of npm
+_SECONDS = 900  # time limit of one run of npm
 # What the site is built from; the tests of the npm package and what npm installs are left out.
 PARTS = ("package.json", "package-lock.json", "tsconfig.json", "build.mjs", "LICENSE", "src", "site")
 _ASSETS = ("skeletons", "rigs", "joint_limits.json")  # of this package
@@ -82,7 +82,7 @@ def _add_page(folder: pathlib.Path, scripts: pathlib.Path) -> None:
 
 
 def _add_model(folder: pathlib.Path, checkpoint: str | pathlib.Path, weights: str, license: str) -> None:
-    # JAX is imported when all else is there.
+    # JAX is imported only when everything else is in place.
     from ha2g_jax.checkpoint.onnx.export import export
     from ha2g_jax.checkpoint.onnx.reading import read
     from ha2g_jax.motion.formats.gltf import write_figure
@@ -124,7 +124,7 @@ def _check_place(out: pathlib.Path) -> None:
 
 
 def _put(folder: pathlib.Path, out: pathlib.Path) -> None:
-    """Rename a folder to `out`; what was there is removed afterwards, or stays if the renaming fails."""
+    """Rename a folder to `out`; a site that was there is removed afterwards, or stays if the renaming fails."""
     if not out.exists():
         folder.rename(out)
         return
@@ -176,7 +176,7 @@ def _find_npm() -> str:
 
 
 def _run(command: Sequence[str], folder: pathlib.Path) -> None:
-    """Run npm in a folder; its output is shown where it fails, the line that says most."""
+    """Run npm in a folder; if it fails, show the most informative line of its output."""
     environment = os.environ | {"npm_config_update_notifier": "false", "NO_COLOR": "1", "NODE_ENV": ""}
     try:
         done = subprocess.run(
@@ -210,7 +210,7 @@ def find_sources() -> pathlib.Path:
 
 
 def _installed(name: str, checkout: pathlib.Path) -> pathlib.Path:
-    """Return the folder of what a site is made of: that of the installed package, or one of a checkout.
+    """Return the folder of the sources of a site: that of the installed package, or one of a checkout.
 
     Raises:
         UserError: neither has a file of this name.
