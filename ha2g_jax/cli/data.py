@@ -44,9 +44,9 @@ def add_commands(commands: Any) -> None:
 def _add_import(data: Any) -> None:
     command = data.add_parser("import", help="import TED-Expressive, TED-Gesture, or motion capture with sound")
     command.description = (
-        "Make a corpus of the LMDB folders of TED-Expressive or TED-Gesture, of motion capture in BVH, or of SMPL-X or "
-        "SMPL-H poses or joint positions (BEAT2, Embody 3D, Seamless Interaction). The kind is found by the files; "
-        "sound and transcript of a motion file lie beside it with the same name."
+        "Make a corpus from the LMDB folders of TED-Expressive or TED-Gesture, from motion capture in BVH, or from "
+        "SMPL-X or SMPL-H poses or joint positions (BEAT2, Embody 3D, Seamless Interaction). The files tell the kind; "
+        "sound and transcript lie beside a motion file and have the same name."
     )
     command.add_argument(
         "src",
@@ -158,7 +158,10 @@ def _add_build_video(data: Any) -> None:
     )
     command.add_argument("--address", help="address of the Ray cluster (default: RAY_ADDRESS, else a local or new one)")
     command.add_argument(
-        "--workers", type=positive, metavar="N", help="number of videos at the same time (default: one per core)"
+        "--workers",
+        type=positive,
+        metavar="N",
+        help="number of videos processed at the same time (default: one per core)",
     )
     command.add_argument(
         "--overlay", type=pathlib.Path, metavar="DIR", help="folder for copies of the videos with the skeleton drawn"
@@ -226,7 +229,9 @@ def _add_make_talk(data: Any) -> None:
     _add_destination(command)
     command.add_argument("--speakers", type=int, default=48, metavar="N", help="number of speakers (default: 48)")
     command.add_argument("--minutes", type=float, default=144, metavar="M", help="minutes of speech (default: 144)")
-    command.add_argument("--seed", type=read_seed, default=0, metavar="N", help="seed of the random draws (default: 0)")
+    command.add_argument(
+        "--seed", type=read_seed, default=0, metavar="N", help="seed of all random choices (default: 0)"
+    )
     command.add_argument("--workers", type=positive, metavar="N", help="number of processes (default: one per core)")
     command.add_argument("--fps", type=positive, default=15, metavar="N", help="frames per second (default: 15)")
     command.add_argument(
@@ -247,7 +252,7 @@ def _make_talk(arguments: argparse.Namespace) -> None:
 
 
 def _add_inspect(data: Any) -> None:
-    command = data.add_parser("inspect", help="print the numbers of a corpus, check it, or write a page on it")
+    command = data.add_parser("inspect", help="print statistics of a corpus, check it, or write a page about it")
     command.description = (
         "Print hours, speakers, words, bone lengths and angles of a corpus; check every file and record of it; or "
         "write a page with statistics, the report of its import, clips to watch, and the causes of Talk's motion."
@@ -316,7 +321,7 @@ def _add_split(data: Any) -> None:
         "--by",
         choices=("recording", "speaker"),
         default="recording",
-        help="unit that is in one split only (default: recording)",
+        help="unit that is in only one split (default: recording)",
     )
     command.add_argument(
         "--fractions",

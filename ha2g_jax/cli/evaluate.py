@@ -10,7 +10,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.skeleton import SKELETONS
 
 _DESCRIPTION = """\
-Score the motion of one of four inputs, with intervals, beside rows that show what each score is worth:
+Score the motion of one of four inputs, with intervals, next to reference rows that show what each score is worth:
 
   --checkpoint MODEL --data CORPUS     motion that a model makes for the test speech of a corpus
   --checkpoint MODEL --speech FILE     motion that a model makes for one recording
@@ -19,8 +19,8 @@ Score the motion of one of four inputs, with intervals, beside rows that show wh
 
 One of these must be named: --checkpoint alone is scored on the Talk corpus, --data alone with the demo model. On Talk
 this takes minutes; the first time, the corpus is made as well, which takes further minutes. All four give results of
-one shape: text, --markdown or --json. On Talk, whose causes are known, the scores against strokes, words and styles are
-a further part of each section. An option that does not apply is an error."""
+the same form: text, --markdown or --json. On Talk, where the causes of motion are known, each section also has scores
+against strokes, words and styles. An option that does not apply is an error."""
 
 # The options of each input, beside --seed, --json and --markdown, which all have.
 _OPTIONS = {
@@ -59,7 +59,7 @@ def add_commands(commands: Any) -> None:
         metavar="FRAMES",
         help="score the motion of a stream that hears this many frames ahead (default: all of the speech)",
     )
-    model.add_argument("--speech", type=pathlib.Path, help="a recording of speech, in place of --data")
+    model.add_argument("--speech", type=pathlib.Path, help="a recording of speech, instead of --data")
     folders = command.add_argument_group("folders of motion")
     folders.add_argument(
         "--motion",
@@ -85,9 +85,12 @@ def add_commands(commands: Any) -> None:
         help="a trained pose auto-encoder, for FGD and diversity (not with --speech)",
     )
     scores.add_argument(
-        "--legacy", action="store_const", const=True, help="add the scores by the field's old rules (not with --speech)"
+        "--legacy",
+        action="store_const",
+        const=True,
+        help="add the scores by the rules of the public release (not with --speech)",
     )
-    scores.add_argument("--seed", type=read_seed, default=0, help="seed of everything random (default: 0)")
+    scores.add_argument("--seed", type=read_seed, default=0, help="seed of all random choices (default: 0)")
     form = command.add_mutually_exclusive_group()
     form.add_argument("--json", action="store_true", help="print the results as JSON")
     form.add_argument("--markdown", action="store_true", help="print the results as Markdown")
@@ -95,7 +98,7 @@ def add_commands(commands: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Evaluate what the arguments name and print the results.
+    """Evaluate the input that the arguments name and print the results.
 
     Raises:
         UserError: no input is named, an option does not apply to it, or it cannot be evaluated.

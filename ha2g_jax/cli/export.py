@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from ha2g_jax.motion.motion import Motion
 
-_FPS = 30  # of the motion of other programs that is shown
+_FPS = 30  # frames per second at which motion of other programs is shown
 _MOST_DIFFERENCE = 0.5  # seconds by which motion and sound may differ in length without a warning
 
 # Options that have an effect, by the suffix of the file to write.
@@ -85,7 +85,7 @@ def add_camera(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--camera",
         choices=("body", "close"),
-        help="what video and page show: the body to hips and lowest hands, or the upper body and the hands (body)",
+        help="what video and page show: body, to the hips and lowest hands, or upper body and hands (default: body)",
     )
 
 
@@ -285,7 +285,7 @@ def _seconds(audio: "np.ndarray") -> float:
 
 
 def _compare_lengths(motions: dict[str, "Motion"], seconds: float) -> None:
-    """Print a warning where the lengths differ: a shorter motion stands still at its end, and a longer one is cut."""
+    """Print a warning if the lengths differ: a shorter motion stands still at its end, and a longer one is cut."""
     from ha2g_jax.motion.readers.recordings import other_rate
 
     for name, motion in motions.items():

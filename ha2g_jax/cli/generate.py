@@ -76,7 +76,7 @@ def add_commands(commands: Any) -> None:
     _add_controls(command)
     command.set_defaults(run=run)
 
-    speakers = commands.add_parser("speakers", help="list the speakers of a model, and how they move if that is known")
+    speakers = commands.add_parser("speakers", help="list the speakers of a model, and how they move, if known")
     speakers.description = "List the speakers of a model, which ha2g generate takes as --speaker and --style."
     speakers.add_argument(
         "--checkpoint", default="demo", help="'demo', a workdir, a model folder or hf://OWNER/NAME (default: demo)"
@@ -150,7 +150,7 @@ def add_amounts(controls: Any) -> None:
 
 
 def read_style(arguments: argparse.Namespace) -> "Style":
-    """Return the style that the arguments of `add_style` ask for."""
+    """Return the style that the arguments of `add_style` request."""
     from ha2g_jax import synthesis
 
     if not {"speaker", "style", "reference_image"} & arguments.given:
@@ -165,7 +165,7 @@ def read_style(arguments: argparse.Namespace) -> "Style":
 
 
 def read_amounts(arguments: argparse.Namespace) -> "Controls":
-    """Return the controls that the arguments of `add_amounts` ask for."""
+    """Return the controls that the arguments of `add_amounts` request."""
     from ha2g_jax.motion import control
 
     return control.Controls(
@@ -174,7 +174,7 @@ def read_amounts(arguments: argparse.Namespace) -> "Controls":
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Generate the files that the arguments ask for, and print their paths."""
+    """Generate the files that the arguments request, and print their paths."""
     with stage("starting"):
         from ha2g_jax.apps.generate import generate_files
         from ha2g_jax.motion import control

@@ -45,7 +45,7 @@ def add_commands(commands: Any) -> None:
         type=int,
         choices=(1, 2),
         default=1,
-        help="2: the left channel is the agent, the right one the person whom the agent listens to (default: 1)",
+        help="2: the left channel is the agent, the right one the person that the agent listens to (default: 1)",
     )
     command.add_argument("--fast", action="store_true", help="take a file as fast as it is computed, not in real time")
     command.add_argument(
@@ -65,7 +65,7 @@ def add_commands(commands: Any) -> None:
         type=int,
         default=DEFAULT_LOOK_AHEAD,
         metavar="FRAMES",
-        help=f"frames of sound after a frame that it may use (default: {DEFAULT_LOOK_AHEAD})",
+        help=f"frames of sound that a frame may use after its time (default: {DEFAULT_LOOK_AHEAD})",
     )
     command.add_argument(
         "--hop",

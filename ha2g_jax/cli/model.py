@@ -19,7 +19,7 @@ def add_commands(commands: Any) -> None:
 
     export = parts.add_parser("export", help="write the model of a workdir as a folder of safetensors and JSON")
     export.description = (
-        "Write a model as a folder of config.json, assets.json and model.safetensors, which hold what generation needs."
+        "Write a model as a folder with config.json, assets.json and model.safetensors, all that generation needs."
     )
     export.add_argument("checkpoint", metavar="MODEL", help=MODEL)
     export.add_argument("out", type=pathlib.Path, metavar="FOLDER", help="folder to write")
@@ -42,7 +42,7 @@ def add_commands(commands: Any) -> None:
     publish.add_argument(
         "name",
         metavar="OWNER/NAME[@BRANCH]",
-        help="repository on the Hub, which is made if there is none, and a branch that it has (default: main)",
+        help="repository on the Hub, which is created if it does not exist, and an existing branch (default: main)",
     )
     publish.add_argument("--license", required=True, help="licence of the model, such as apache-2.0 or cc-by-4.0")
     publish.add_argument("--scores", type=pathlib.Path, help="Markdown for the card, of ha2g evaluate --markdown")
@@ -77,7 +77,7 @@ def add_weights(command: argparse.ArgumentParser) -> None:
         default=WEIGHTS[0],
         help="form of the weights in the file; docs/onnx.md has sizes and errors (default: float32)",
     )
-    command.add_argument("--license", default="", metavar="TEXT", help="licence of the model, which is stated with it")
+    command.add_argument("--license", default="", metavar="TEXT", help="licence of the model, which is stored with it")
 
 
 def _export(arguments: argparse.Namespace) -> None:

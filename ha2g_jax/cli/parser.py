@@ -33,7 +33,7 @@ class Parser(argparse.ArgumentParser):
 
     @staticmethod
     def _longer(options: Iterable[str], name: str) -> list[str]:
-        """Return the options that a name is short for, of which the parser has accepted only one."""
+        """Return the options that a name abbreviates, of which the parser has accepted only one."""
         return [option for option in options if name[2:] and name.startswith("--") and option.startswith(name)]
 
 
@@ -41,7 +41,7 @@ def read_seed(text: str) -> int:
     """Parse a seed, a whole number from 0 to `MAX_SEED`.
 
     Raises:
-        UserError: the text is another one.
+        UserError: the text is anything else.
     """
     if not (text.isdecimal() and len(text) <= len(str(MAX_SEED)) and int(text) <= MAX_SEED):
         raise UserError(f"the seed is {text[:40]!r}; give a whole number from 0 to {MAX_SEED}")
@@ -49,7 +49,7 @@ def read_seed(text: str) -> int:
 
 
 def positive(text: str) -> int:
-    """Parse a whole number from 1 on."""
+    """Parse a whole number of at least 1."""
     if not text.isdecimal() or not int(text[:_MAX_DIGITS]) >= 1 or len(text) > _MAX_DIGITS:
         raise argparse.ArgumentTypeError(f"{text[:40]!r} is not a whole number from 1 to {'9' * _MAX_DIGITS}")
     return int(text)
@@ -89,7 +89,7 @@ def reading(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def refuse_others(arguments: argparse.Namespace, allowed: Sequence[str], every: Sequence[str], kind: str) -> None:
-    """Refuse options of `every` that are given but are not `allowed`, as they have no effect, with what `kind` names.
+    """Refuse options of `every` that are given but not `allowed`, because they have no effect with the named `kind`.
 
     Raises:
         UserError: such an option is given.

@@ -15,7 +15,7 @@ _MEBIBYTE = 1 << 20
 _LIMITS: dict[str, tuple[Callable[[str], float], str]] = {
     "sessions": (positive, "streams at a time"),
     "requests": (positive, "requests for motion at a time"),
-    "rate": (float, "requests a minute of one client, 0 for any"),
+    "rate": (float, "requests per minute from one client, 0 for any number"),
     "max_seconds": (float, "seconds of sound of a request"),
     "session_seconds": (float, "seconds that a stream may last"),
     "idle_seconds": (float, "seconds without a message that end a stream"),
@@ -80,7 +80,7 @@ def add_commands(commands: Any) -> None:
         type=pathlib.Path,
         default=pathlib.Path("site"),
         metavar="FOLDER",
-        help="folder to write; a site that is there is replaced (default: site)",
+        help="folder to write; an existing site is replaced (default: site)",
     )
     add_weights(web)
     web.set_defaults(run=_web)

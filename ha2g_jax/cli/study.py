@@ -50,7 +50,7 @@ def _add_make(commands: Any) -> None:
         type=positive,
         default=24,
         metavar="N",
-        help="items of each part that a participant answers at most (default: 24)",
+        help="maximum number of items of each part for a participant (default: 24)",
     )
     make.add_argument(
         "--attention", type=int, default=2, metavar="N", help="attention checks of each participant (default: 2)"
@@ -143,7 +143,9 @@ def _add_power(commands: Any) -> None:
     spread.add_argument("--study", type=pathlib.Path, metavar="DIR", help="folder of the study of --pilot")
     search = command.add_argument_group("search")
     search.add_argument("--power", type=float, default=0.8, metavar="P", help="power to reach (default: 0.8)")
-    search.add_argument("--most", type=positive, default=500, metavar="N", help="most participants (default: 500)")
+    search.add_argument(
+        "--most", type=positive, default=500, metavar="N", help="largest number of participants to try (default: 500)"
+    )
     command.set_defaults(run=_power)
 
 

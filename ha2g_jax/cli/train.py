@@ -19,7 +19,7 @@ def add_commands(commands: Any) -> None:
     runs = commands.add_parser("runs", help="list training runs, or draw their curves")
     runs.description = (
         "List training runs with their progress, best score, state, and the settings in which they differ; or draw "
-        "their curves, those of runs that differ only in the seed as one line with a band."
+        "their curves, with one line and a band for runs that differ only in the seed."
     )
     runs.add_argument(
         "runs", type=pathlib.Path, nargs="+", metavar="RUN", help="workdir of ha2g train, or a folder of workdirs"
