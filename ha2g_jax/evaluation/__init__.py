@@ -1,1 +1,1 @@
-"""Scores of any motion, read or generated, beside rows that show what each score is worth."""
+"""Scores of any motion, read or generated, next to reference rows that show what each score is worth."""

@@ -1,4 +1,4 @@
-"""Measure the speed of training and generation on the machine at hand: `ha2g doctor --benchmark`."""
+"""Measure the speed of training and generation on this machine: `ha2g doctor --benchmark`."""
 
 import copy
 import statistics
@@ -30,7 +30,7 @@ PRECISIONS = {
 # Rows and columns of the matrices whose product is the peak, on a CPU and on an accelerator.
 _CPU_SIZE, _ACCELERATOR_SIZE = 2048, 8192
 
-_SPEECH_SECONDS = 60  # length of the speech that motion is generated for
+_SPEECH_SECONDS = 60  # length of the speech for which motion is generated
 _ROUNDS = 5  # timed calls of the product and of generation
 
 
@@ -40,7 +40,7 @@ def measure(config: Config, checkpoint: str, precisions: Sequence[str] | None, s
     Args:
         config: settings of the step; their type of activations is replaced.
         checkpoint: "demo", a workdir or a model folder, for generation.
-        precisions: names in `PRECISIONS`; None for those worth measuring on the devices at hand.
+        precisions: names in `PRECISIONS`; None for those that are worth measuring on the available devices.
         steps: number of timed steps of each, after one that is not timed.
 
     Returns:

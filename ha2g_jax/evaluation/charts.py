@@ -19,11 +19,11 @@ if TYPE_CHECKING:  # an extra, which takes a while to import
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#999999", "#000000")
 
 _NAME_LETTERS = 40
-_ENDLESS = 1e6  # length of one side of an interval that has no end
+_ENDLESS = 1e6  # drawn length of an infinite side of an interval
 
 
 class Mark(NamedTuple):
-    """A value and the bounds of its interval; a bound is NaN if there is none, and infinite if it has no end."""
+    """A value and the bounds of its interval; a bound is NaN if there is none, and may be infinite."""
 
     value: float
     low: float = math.nan
@@ -136,12 +136,12 @@ def draw_marks(axes: "Axes", places: Mapping[float, Mark], colour: str, name: st
 
 
 def _length(length: float) -> float:
-    """Return the length of one side of an interval, 0 where there is none, and much where it has no end."""
+    """Return the length of one side of an interval, 0 if it has none, and a large number if it is infinite."""
     return 0.0 if math.isnan(length) else min(length, _ENDLESS)
 
 
 def _set_limits(axes: "Axes", marks: Iterable[Mark], reference: float | None) -> None:
-    """Set the limits of the horizontal axis, which intervals without an end leave."""
+    """Set the limits of the horizontal axis, beyond which infinite intervals extend."""
     finite = [value for mark in marks for value in mark if math.isfinite(value)]
     finite += [] if reference is None else [reference]
     low, high = min(finite, default=0.0), max(finite, default=1.0)
@@ -182,7 +182,7 @@ def as_svg(figure: "Figure", label: str) -> str:
 
 
 def literal(text: str) -> str:
-    """Return a text as matplotlib shows it literally, cut if it is long."""
+    """Escape a text so that matplotlib shows it literally, and cut it if it is long."""
     text = _printable(text if len(text) <= _NAME_LETTERS else f"{text[: _NAME_LETTERS - 3]}...")
     return text.replace("$", r"\$")
 

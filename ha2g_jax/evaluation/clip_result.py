@@ -1,4 +1,4 @@
-"""The motion of a clip with the sound that it goes with, from a model or from a corpus."""
+"""The motion of a clip and its sound, from a model or from a corpus."""
 
 import dataclasses
 import functools
@@ -27,7 +27,7 @@ if TYPE_CHECKING:  # JAX takes seconds to import, and folders of motion do witho
 Item = TypeVar("Item")
 Value = TypeVar("Value")
 
-_TRAIN_CLIPS = 40  # of the training split, where no other split sets the number
+_TRAIN_CLIPS = 40  # clips of the training split that are scored if no other split sets the number
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class ClipResult:
         recording: name of the recording that the clip was cut from. Clips of one recording are not independent.
         directions: (T, bones, 3) float32 unit vectors.
         fps: frames per second.
-        onsets: (n,) onsets of the sound in seconds, None without sound. Those of the reference count.
+        onsets: (n,) onsets of the sound in seconds, None without sound; those of the reference are used for scores.
         audio: (samples,) float32 sound at 16 kHz, which only the legacy scores need; None otherwise.
         borders: first frames of the windows that the motion was joined from, where they are known.
         path: file that the motion was read from, None for motion from a model or a corpus.
@@ -182,7 +182,7 @@ def sample(count: int, limit: int | None, seed: int) -> Sequence[int]:
 def split_limits(corpus: Corpus, splits: Sequence[str]) -> dict[str, int | None]:
     """Return how many clips of each split are scored at most; None for all.
 
-    Of the training split as many clips are scored as the largest other split has.
+    For the training split the limit is the number of clips of the largest other split.
 
     Raises:
         UserError: there is no such split, or it has no clip.
@@ -210,8 +210,8 @@ def check_fit(model: "Model", corpus: Corpus) -> None:
 def clip_identity(model: "Model", clip: Clip) -> np.ndarray:
     """Return the style (style_dim,) of a clip's speaker: the mean of f_id, zeros for a model without identities.
 
-    A model that reads images takes the reference images of the clip. One with a table of speakers looks the name up;
-    a name that is not in the table has no style, so it gets the average of those that are.
+    A model that reads images gets the reference images of the clip. One with a table of speakers looks up the name; a
+    name that is not in the table gets the average of all styles.
 
     Raises:
         UserError: the model reads images and the clip has none.
@@ -243,8 +243,8 @@ def generate_clip(
 ) -> np.ndarray:
     """Generate the direction vectors (T, bones, 3) of a motion for the speech of a clip, in a style (style_dim,).
 
-    The model draws the start poses (seed frames, bones, 3) that are not given, and those of a stream always. A stream
-    hears `look_ahead` frames of speech beyond each frame, and makes `hop` frames in a run; by default the whole clip is
+    If no start poses (seed frames, bones, 3) are given, the model draws them, as it always does for a stream. A stream
+    hears `look_ahead` frames of speech beyond each frame and makes `hop` frames in a run; by default the whole clip is
     heard. Words are for a model that reads them.
 
     Raises:

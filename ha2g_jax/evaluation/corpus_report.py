@@ -54,8 +54,8 @@ _SAMPLE_SECONDS, _SAMPLE_SIZE = 8, 400
 _LOOK_AHEAD = 100  # clips to search for a speaker who is not shown yet
 _MAX_WORDS = 40  # words of a sample, written under it
 _MAX_FAILURES = 50
-_MAX_DESCRIBED = 200  # clips of training whose wrists and causes are described
-_MIN_FRAMES = 4  # of a recording
+_MAX_DESCRIBED = 200  # training clips whose wrists and causes are described
+_MIN_FRAMES = 4  # least number of frames of a recording
 _STILL = 0.1  # m/s; a slower wrist pauses
 _STROKE_SPEED, _STROKE_PROMINENCE = 0.15, 0.08  # m/s; minimum height and prominence of a stroke's peak of speed
 _STRIPS, _STRIP_FRAMES, _STRIP_STEP, _STRIP_SIZE = 6, 10, 4, 150
@@ -126,7 +126,7 @@ def _read_recording(recording: str | os.PathLike, corpus: Corpus, reading: Readi
 
 
 def _inline(svg: str) -> str:
-    """Return an SVG document as an element of a page, which needs no names of its kind."""
+    """Return an SVG document as an element of a page, without its declarations."""
     return re.sub(r' xmlns(:xlink)?="[^"]*"', "", svg)
 
 
@@ -168,7 +168,7 @@ def _samples(corpus: Corpus, count: int) -> Iterator[str]:
 
 
 def _choose(corpus: Corpus, count: int) -> list[tuple[str, int]]:
-    """Choose clips evenly over the first split that has any, each the next one of a speaker who is not shown yet."""
+    """Choose clips evenly over the first split that has any, each of a speaker who is not shown yet, if possible."""
     split = next((split for split in corpus.splits if corpus.has_clips(split)), None)
     if split is None:
         return []
@@ -283,7 +283,7 @@ def _speech(summary: dict[str, Any]) -> Iterator[str]:
 
 
 def _motion(summary: dict[str, Any], skeleton: Skeleton, recorded: np.ndarray | None) -> Iterator[str]:
-    """Make the section on motion: angles and bones of training beside the published ones and those of a recording."""
+    """Make the section on motion: angles and bones of training, the published ones, and those of a recording."""
     training = summary["training"]
     if training is None:
         return
@@ -329,7 +329,7 @@ def _deviation(mean: float, deviation: float) -> Mark:
 
 
 def _wrists(corpus: Corpus, recorded: np.ndarray | None) -> Iterator[str]:
-    """Make the table of how the wrists move in training, beside those of a recording."""
+    """Make the table of how the wrists move in training and in a recording."""
     clips = _training(corpus)
     motions = [fields["positions"] for fields in clips if fields["window_starts"]]
     people = {"this corpus": motions, "recording": [] if recorded is None else [recorded]}

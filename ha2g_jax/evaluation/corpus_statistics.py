@@ -123,7 +123,7 @@ def split_rows(summary: dict[str, Any]) -> list[list[str]]:
 
 
 def joint_rows(training: dict[str, Any]) -> list[list[str]]:
-    """Make a table of the inner angles of shoulders and elbows beside the published ones, in degrees."""
+    """Make a table of the inner angles of shoulders and elbows and the published ones, in degrees."""
     rows = [["inner angle, degrees", "mean", "std", "published", "std", "Table 10", '"var"']]
     for joint, angle in training["joints"].items():
         found = [angle.get(key) for key in ("corpus", "published", "table_10")]
@@ -291,7 +291,7 @@ class TrainingMotion:
 
 
 def inner_angles(skeleton: Skeleton) -> dict[str, int]:
-    """Return the index of the angle pair at each shoulder and elbow; the inner angle is 180 degrees less its angle."""
+    """Return the index of the angle pair at each shoulder and elbow; the inner angle is 180 degrees minus its angle."""
     joints = {}
     for joint in TABLE_10:
         end = skeleton.joint(joint)

@@ -1,4 +1,4 @@
-"""Score any motion against reference motion, with intervals, beside rows that show what each score is worth."""
+"""Score any motion against reference motion, with intervals, next to reference rows that show what a score is worth."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -32,11 +32,11 @@ Scores = dict[str, Score]  # name of a metric -> its score in one row
 DRAWS = 1000
 LEVEL = 0.95
 
-_DIGITS = 8  # that count
-_DIGITS_OF_ERRORS = 4  # after the point
-_Z = 1.96  # standard errors on both sides of a value that hold 95 %
+_DIGITS = 8  # significant digits
+_DIGITS_OF_ERRORS = 4  # digits after the decimal point
+_Z = 1.96  # half-width of a 95 % interval, in standard errors
 
-_MANY = 1.3  # times as many beats as ground truth, which jitter makes; dense beats are near some onset by chance
+_MANY = 1.3  # times as many beats as ground truth, a sign of jitter; dense beats are near some onset by chance
 _FEW = 0.5
 
 _BY_CHANCE = (TRUTH, HALF)
@@ -70,8 +70,8 @@ class Intervals:
         return _as_json(bootstrap(score, self._num_recordings, draws=self._draws, seed=self._seed, level=LEVEL))
 
 
-# A bootstrap decomposes thousands of small matrices, at which the threads of a linear algebra library only wait for
-# each other: on a busy machine that took ten times as long.
+# A bootstrap decomposes thousands of small matrices, for which the threads of a linear algebra library only wait for
+# each other: on a busy machine this took ten times as long.
 @threadpoolctl.threadpool_limits.wrap(limits=1)
 def evaluate(
     rows: Mapping[str, Sequence[ClipResult]],
@@ -96,10 +96,10 @@ def evaluate(
         skeleton: skeleton of all motion.
         training: clips (T, bones, 3) of the training split, from which the mean pose and reference statistics (usual
             changes of angles, limits of angles) are taken; by default the reference itself.
-        autoencoder: pose auto-encoder that gives the latents of FGD and diversity, which are left out without.
+        autoencoder: pose auto-encoder that gives the latents for FGD and diversity; None leaves these out.
         legacy: whether to add the section "legacy_v1"; beat consistency then needs the sound of the reference.
-        draws: number of draws of the bootstrap, of which `seed` is the seed.
-        notes: sentences about the motion, which go to the results.
+        draws: number of draws of the bootstrap; `seed` is its seed.
+        notes: sentences about the motion, to add to the results.
 
     Returns:
         One section of results, ready for JSON: "rows": {row: {metric: {"value", "low", "high"}}}, None where undefined,
@@ -183,7 +183,7 @@ def _draws(row: Row, scores: Mapping[str, Any]) -> dict[str, dict[str, float | N
 def differences(
     scores: Mapping[str, Scores], intervals: Intervals, names: Sequence[str]
 ) -> dict[str, dict[str, dict[str, float | None]]]:
-    """Return the paired differences of every further method less the first one, in the metrics of some names."""
+    """Return the paired differences of every further method minus the first one, in the metrics of some names."""
     (first, base), *others = scores.items()
     return {
         f"{name} - {first}": {
@@ -198,7 +198,7 @@ def _difference(first: Any, second: Any) -> Statistic:
 
 
 def _halves(truth: Row) -> dict[str, dict[str, float | None]]:
-    """Return scores of one half of ground truth against the other, over random halves of the recordings."""
+    """Return scores of one half of ground truth compared with the other, over random halves of the recordings."""
     if truth.reference.num_recordings < 2:
         return {}
     found = {
@@ -227,7 +227,7 @@ def _silence(made: Rows) -> list[str]:
 
 
 def _settings(seed: int, draws: int, fps: float, *, has_training: bool) -> dict[str, Any]:
-    """Return what the numbers depend on beside the motion."""
+    """Return the settings that the numbers depend on, besides the motion."""
     return {
         "first_frame": SEED_FRAMES,
         "seed": seed,
@@ -303,7 +303,7 @@ def check_autoencoder(autoencoder: "PoseFeatures | None", skeleton: Skeleton, fp
 
 
 def _describe(truth: Row, autoencoder: "PoseFeatures | None") -> dict[str, Any] | None:
-    """Return what the latents are of, for the results; None without latents."""
+    """Return a description of the latents for the results; None without latents."""
     found = truth.once(row_latents)
     windows = None if found is None else cut_windows(truth, found.cut)
     if autoencoder is None or windows is None:
@@ -337,7 +337,7 @@ def _latent_warnings(truth: Row, autoencoder: "PoseFeatures | None") -> list[str
 
 
 def _latent_notes(truth: Row, autoencoder: "PoseFeatures | None") -> list[str]:
-    """Return sentences on what has no latents."""
+    """Return sentences on clips without latents."""
     cut = truth.reference.once(reference_cut)
     if autoencoder is None:
         return [NO_AUTOENCODER]
@@ -400,7 +400,7 @@ def _as_json(values: Any) -> dict[str, float | None]:
 
 
 def number(value: float) -> float | None:
-    """Return a number of JSON, None where it is undefined."""
+    """Return a number for JSON, None if it is undefined."""
     return float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None
 
 

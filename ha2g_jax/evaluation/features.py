@@ -1,4 +1,4 @@
-"""Features of motion for the Frechet distance and the diversity: the latents of a trained pose auto-encoder."""
+"""Features of motion for the Frechet distance and diversity: the latents of a trained pose auto-encoder."""
 
 import functools
 import hashlib
@@ -23,7 +23,7 @@ from ha2g_jax.skeleton import Skeleton
 
 _TRAIN_ONE = "train one with `ha2g train --config autoencoder:DATA`"
 _EXPECTED = f"a workdir or an exported folder of a pose auto-encoder, as none comes with the package; {_TRAIN_ONE}"
-_BATCH = 256  # windows that are encoded at once; the last batch is filled up, so that one shape is compiled
+_BATCH = 256  # windows that are encoded at once; the last batch is padded, so that only one shape is compiled
 
 
 class PoseFeatures:

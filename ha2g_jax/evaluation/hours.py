@@ -1,4 +1,4 @@
-"""Predict the time of a run, and of the runs of Table 1, from steps that are measured on the machine at hand."""
+"""Predict the time of a run, and of the runs of Table 1, from steps that are measured on this machine."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -16,7 +16,7 @@ METHODS = ("ha2g", "seq2seq", "speech2gesture", "joint_embedding", "trimodal", A
 
 # Windows and hours of TED-Gesture and TED-Expressive by Table 5 of the paper; a tenth each is for validation and test.
 _SEGMENTS, _HOURS = {"ted_gesture": 252_109, "ted_expressive": 240_447}, {"ted_gesture": 106.1, "ted_expressive": 100.8}
-_SCORING = 45.0  # seconds on two cores of a Xeon to compute the scores of an hour of motion
+_SCORING = 45.0  # seconds to compute the scores of an hour of motion on two cores of a Xeon
 
 
 class RunTime(NamedTuple):
@@ -32,7 +32,7 @@ class RunTime(NamedTuple):
 def predict(config: Config, steps: int) -> tuple[RunTime, float]:
     """Predict the time of a run from `steps` steps and two batches of validation; return it and the seconds of a step.
 
-    The data of the config are read if they are there; else they are taken to be as large as those of the paper.
+    The data of the config are read if they exist; otherwise they are assumed to be as large as those of the paper.
 
     Raises:
         UserError: a setting cannot be used, or the batch does not split over the devices.

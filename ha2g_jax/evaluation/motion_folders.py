@@ -1,4 +1,4 @@
-"""A folder of motion from any system and one of reference motion: read, paired by name, at one frame rate."""
+"""Reading of a folder of motion from any system and one of reference motion, paired by name, at one frame rate."""
 
 import collections
 import functools
@@ -36,7 +36,7 @@ from ha2g_jax.motion.resample import num_frames, resample
 from ha2g_jax.progress import track
 from ha2g_jax.skeleton import Skeleton, load_skeleton
 
-FPS = 15.0  # that everything is scored at: the rate of the paper's data
+FPS = 15.0  # frames per second at which everything is scored, the rate of the paper's data
 BEAT2 = "beat2"  # protocol of the papers on BEAT2, for SMPL-X motion
 
 SAMPLE = re.compile(r"^sample_[0-9]+/")
@@ -94,12 +94,12 @@ def from_folders(
     with_audio: bool = False,
     **reading: Unpack[Reading],
 ) -> Folders:
-    """Read the files of two folders that have the same name, up to the suffix, or all that is for one reference file.
+    """Read the files of two folders that have the same name, up to the suffix, or all motion for one reference file.
 
-    Folders may have subfolders, which then must be alike; the clips of a subfolder are taken to be cut from one
-    recording, without subfolders every clip is a recording of its own. The sound of a clip is the file of sound with
-    the same name beside the reference, or else beside the motion. `_gestures` at the end of a name does not count. All
-    motion is brought to 15 frames per second, see `motion.readers`.
+    Folders may have subfolders, which must then be the same in both. The clips of a subfolder are assumed to be cut
+    from one recording; without subfolders every clip is a recording of its own. The sound of a clip is the audio file
+    with the same name beside the reference, or else beside the motion. `_gestures` at the end of a name is ignored. All
+    motion is resampled to 15 frames per second, see `motion.readers`.
 
     The skeleton is "ted_expressive" or "ted_gesture", by default the first of them that the first reference file fits;
     the legacy scores need `with_audio`.
@@ -259,7 +259,7 @@ def not_read(motions: Iterable[pathlib.Path], sounds: Iterable[pathlib.Path]) ->
 
 
 def sound_key(path: pathlib.Path) -> tuple[pathlib.Path, str]:
-    """Return what a motion and the sound beside it have in common: the folder, and the name of the clip."""
+    """Return the key that a motion and the sound beside it share: the folder, and the name of the clip."""
     return path.parent, _GENERATED.sub("", path.stem).lower()
 
 
@@ -281,7 +281,7 @@ def _read(pair: _Pair, skeleton: str, reading: Reading, with_audio: bool) -> _Re
 
 
 def _notes(read: list[_Read], once: list[_Read], left_out: dict[str, int]) -> list[str]:
-    """Return sentences on what was done to all motion, and to the references, which `once` has once each."""
+    """Return sentences on what was done to all motion, and to the references, each of which is in `once` once."""
     notes = []
     for which, count in left_out.items():
         if count:

@@ -1,4 +1,4 @@
-"""Nods of someone who listens, against the ends of phrases of the other's words, which are their known cause."""
+"""Nods of a listener, compared with their known cause: the ends of phrases in the words of the other speaker."""
 
 from collections.abc import Sequence
 
@@ -11,15 +11,15 @@ from ha2g_jax.motion.control.parts import HEAD, bones_of, parts, rest_pose
 from ha2g_jax.motion.states import NOD_DELAY
 from ha2g_jax.skeleton import Skeleton
 
-TOLERANCE = 0.25  # seconds between the moment at which a nod is due and the lowest point of the nod that meets it
+TOLERANCE = 0.25  # seconds between the time at which a nod is due and the lowest point of the nod that matches it
 _RISE = 5.0  # degrees by which the head is lower than around it
 
 
 def due_nods(words: Sequence[Word]) -> np.ndarray:
     """Return the times in seconds, (n,), at which nods are due for words with known times, in order.
 
-    A phrase is words without a pause of 0.3 s between them, or after the last of them the end of the turn. A nod is
-    due 0.7 s after the end of each phrase of at least a second.
+    A phrase is a run of words that ends with a pause of 0.3 s or with the turn. A nod is due 0.7 s after the end of
+    each phrase of at least a second.
     """
     breaks = [k for k in range(1, len(words)) if words[k].start - words[k - 1].end >= PAUSE]
     edges = zip([0, *breaks], [*breaks, len(words)], strict=True) if words else ()

@@ -18,17 +18,17 @@ from ha2g_jax.skeleton import Skeleton
 if TYPE_CHECKING:
     from ha2g_jax.evaluation.features import PoseFeatures
 
-MIN_FRAMES = SEED_FRAMES + 8  # of a clip: half a second after the seed pose
+MIN_FRAMES = SEED_FRAMES + 8  # least number of frames of a clip: half a second after the seed pose
 
-_MAX_ERROR = 0.01  # of the length of a direction vector
+_MAX_ERROR = 0.01  # largest error of the length of a direction vector
 
 
 class Rows(NamedTuple):
-    """All rows of an evaluation but `HALF`, which is a way to divide ground truth.
+    """All rows of an evaluation except `HALF`, which is a division of ground truth.
 
     Attributes:
         rows: name of each row -> its motions; ground truth is `TRUTH`.
-        reference: what the rows have in common.
+        reference: what all rows have in common.
         ids: (n,) names of the reference clips.
         notes: what was cut or left out, a sentence each.
     """
@@ -123,7 +123,7 @@ def _common(
 
 
 def _cut(clips: Sequence[ClipResult], lengths: Mapping[str, int]) -> str:
-    """Say how many clips are longer than their lengths in frames, and by how much; an empty text where none is."""
+    """Say how many clips are longer than their lengths in frames, and by how much; "" if none is."""
     cut = [clip.num_frames - lengths[clip.id] for clip in clips if clip.num_frames > lengths[clip.id]]
     return f"{len(cut)}, by {sum(cut) / clips[0].fps:.1f} s in all" if cut else ""
 

@@ -1,4 +1,4 @@
-"""Write videos of generated motion beside the true motion while a model is trained."""
+"""Write videos of generated motion next to the true motion while a model is trained."""
 
 import pathlib
 import sys

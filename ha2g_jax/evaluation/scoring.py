@@ -1,4 +1,4 @@
-"""Score the inputs of `ha2g evaluate` to results of one shape: a corpus, a recording, or folders of motion."""
+"""Score the inputs of `ha2g evaluate`, a corpus, a recording or folders of motion, with results of the same form."""
 
 import os
 import pathlib
@@ -26,10 +26,10 @@ from ha2g_jax.motion.readers.recordings import compare_lengths
 from ha2g_jax.progress import stage
 from ha2g_jax.skeleton import directions_to_positions, load_skeleton
 
-MIN_SECONDS = 10.0  # of a recording
+MIN_SECONDS = 10.0  # least length of a recording
 TEST_SPLITS, OTHER_SPLIT = ("test", "test_unseen_speakers"), "val"
 
-_TRAINING_CLIPS = 400  # whose motion sets the mean pose, usual changes and limits of angles
+_TRAINING_CLIPS = 400  # clips that give the mean pose, usual changes and limits of angles
 
 
 def evaluate_folders(
@@ -77,7 +77,7 @@ def evaluate_folders(
         read[name] = from_folders(folder, reference, skeleton=skeleton, with_audio=legacy, **reading)
         skeleton = read[name].skeleton.name
     of_protocol = {}
-    if protocol is not None:  # before the other scores, which take longer than to find that the files do not fit
+    if protocol is not None:  # first, because the other scores take longer than finding that the files do not fit
         of_protocol["beat2"] = score_beat2(read, body_model=body_model, seed=seed, **reading)
     truth = {clip.id: clip for each in read.values() for clip in each.reference}
     section = evaluate(
@@ -168,7 +168,7 @@ def evaluate_checkpoint(
 
 
 def _given(seed_frames: int) -> list[str]:
-    """Return a sentence if frames are scored whose poses the model was given, which are more than four then."""
+    """Return a sentence if the model was given more than four poses, so that some given frames are scored."""
     if seed_frames <= SEED_FRAMES:
         return []
     return [
@@ -256,7 +256,7 @@ def _check_long_enough(path: str | os.PathLike, seconds: float, of: str) -> None
 
 
 def make_results(inputs: Mapping[str, str], sections: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """Put inputs and sections, which `evaluate` returns, together to results, the one shape that `table` and JSON have.
+    """Combine inputs and sections, which `evaluate` returns, into results, the form that `table` and JSON use.
 
     Returns:
         {"version", "inputs", "metrics": {name: {"title", "unit", "direction"}} of all scores, "sections"}.
@@ -298,7 +298,7 @@ def _folder_name(folder: str | os.PathLike) -> str:
 
 
 def _row_names(folders: Sequence[str | os.PathLike]) -> list[str]:
-    """Return the name of each folder, with that of the folder above where two are alike."""
+    """Return the name of each folder, with that of the parent folder if two are equal."""
     found = [_folder_name(folder) for folder in folders]
     names = [
         name if found.count(name) == 1 else f"{_folder_name(resolved(folder).parent)}/{name}"

@@ -1,4 +1,4 @@
-"""The speakers of a model, and how they move if that is known."""
+"""The speakers of a model, and how they move, if known."""
 
 import pathlib
 from typing import Any
@@ -7,7 +7,7 @@ from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.data.corpus import TALK
 from ha2g_jax.data.talk.speakers import Style, default_styles
 
-_NUMBERS = ("handedness", "amplitude", "mixing", "elbow")  # those of the style of Talk that are seen first
+_NUMBERS = ("handedness", "amplitude", "mixing", "elbow")  # the most visible numbers of the style of Talk
 # Words for a number of the style below -`_CLEAR` and above it.
 _WORDS = {
     "amplitude": ("small", "large"),

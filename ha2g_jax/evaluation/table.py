@@ -13,7 +13,7 @@ from ha2g_jax.progress import counted
 
 CLOSER = "Closer to ground truth is better; no column is better for being higher or lower."
 
-_COLUMNS = 4  # of a part of the table, for 120 characters
+_COLUMNS = 4  # columns in a part of the table, for 120 characters
 _NAME_WIDTH, _WIDTH = 24, 24
 PARTS = ("legacy_v1", "known_causes", "recording", "beat2")
 
@@ -103,7 +103,7 @@ def _parts(section: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any], di
 
 
 def _columns(rows: Mapping[str, Mapping[str, Any]]) -> dict[str, Metric]:
-    """Return the metrics that some row has a value of, in the order in which they are registered."""
+    """Return the metrics for which some row has a value, in the order of registration."""
     scores = [(metrics.lookup(name), score) for row in rows.values() for name, score in row.items()]
     present = {metric.name for metric, score in scores if score["value"] is not None}
     return {name: metric for name, metric in metrics.METRICS.items() if name in present}
@@ -154,7 +154,7 @@ def _foot(section: Mapping[str, Any], bullet: str) -> list[str]:
 
 
 def _known_counts(section: Mapping[str, Any]) -> Sequence[str]:
-    """Return a line on what the scores of known causes are of."""
+    """Return a line on the clips and strokes behind the scores of known causes."""
     if "known_causes" not in section:
         return []
     counts = section["known_causes"]["counts"]

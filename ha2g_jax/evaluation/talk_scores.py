@@ -1,6 +1,6 @@
-"""Score a model on the Talk corpus: motions against the strokes, words and styles that are known to cause them.
+"""Score a model on the Talk corpus: compare motions with the strokes, words and styles that are known to cause them.
 
-A ceiling and floors stand beside every model.
+The tables also have a ceiling and floors.
 """
 
 import warnings
@@ -38,8 +38,8 @@ from ha2g_jax.synthesis import Model, encode_features
 from ha2g_jax.synthesis.style import later_seed
 
 WORDLESS, MISMATCHED, MAJORITY, SHUFFLED = "model, no words", "mismatched speech", "majority", "shuffled"
-CLAIMED = ("beat_f1_gain", "finger_correlation")  # metrics of claims, which are measured without each speaker, too
-MISMATCHES = 5  # motions for other clips that make the floor of a clip
+CLAIMED = ("beat_f1_gain", "finger_correlation")  # metrics of claims, which are also measured without each speaker
+MISMATCHES = 5  # number of motions for other clips from which the floor of a clip is computed
 
 CLASSES = tuple(anatomy.HAND_SHAPES)
 _SHAPES = np.array(list(anatomy.HAND_SHAPES.values()))
@@ -221,7 +221,7 @@ def _number(value: float) -> float | None:
 
 
 def rows_with_chance(trials: Sequence[Trial], fps: float, first_frame: int, seed: int) -> dict[str, CauseRow]:
-    """Return what the metrics of known causes measure of motions, each against its own clip, with the chance level.
+    """Return the inputs of the metrics of known causes for motions, each with its own clip, and the chance level.
 
     They are the row "model", which contains the chance level, and the row "mismatched speech": the motions for up to
     `MISMATCHES` clips of other recordings, drawn by the seed, against each clip. A row without trials is left out.
@@ -267,7 +267,7 @@ def known_truth(skeleton: Skeleton, clip: Clip, fps: float) -> Truth:
 
 
 def cause_row(trials: Sequence[Trial], fps: float, first_frame: int) -> CauseRow:
-    """Return what the metrics of known causes measure, from the first frame on that was not given to the model."""
+    """Return the inputs of the metrics of known causes, from the first frame that was not given to the model."""
     spans = [end - start for start, end in (_shared_time(trial, fps, first_frame) for trial in trials)]
     shapes, flexions, word_clips = word_shapes(trials, fps, first_frame)
     return CauseRow(
@@ -347,7 +347,7 @@ def semantic_floors(row: CauseRow) -> tuple[dict[str, Estimate], dict[str, Estim
 
 
 def _shared_time(trial: Trial, fps: float, first_frame: int) -> tuple[float, float]:
-    """Return start and end in seconds of what is scored."""
+    """Return start and end in seconds of the scored part."""
     return first_frame / fps, min(trial.truth.num_frames, len(trial.observed.wrists)) / fps
 
 
@@ -392,12 +392,12 @@ def collect_words(clips: Iterable[tuple[Clip, np.ndarray]], fps: float) -> Probe
 def predict_classes(train: ProbeWords, splits: Mapping[str, ProbeWords]) -> dict[str, tuple[Predictions, Predictions]]:
     """Predict the classes of words from f_high by multinomial logistic regression, fitted to training clips only.
 
-    The probe says whether the audio encoder represents the word: one above its floor with hands at theirs points to the
-    decoder. It is outside of the objective; no label reaches the model.
+    The probe tells whether the audio encoder represents the word: if it is above its floor while the hands are at
+    theirs, the decoder is at fault. It is not part of the objective; no label reaches the model.
 
     Returns:
-        {split: the predictions, and those of the most frequent class of `train` each time}, of splits with words; {}
-        if the training clips have fewer than two classes.
+        {split: the predictions, and those of always choosing the most frequent class of `train`} for splits with words;
+        {} if the training clips have fewer than two classes.
     """
     names, counts = np.unique(train.classes, return_counts=True)
     if len(names) < 2:

@@ -1,4 +1,4 @@
-"""Take a model and the teacher of the Talk corpus several times on the same speech, for the metrics of takes."""
+"""Sample takes of a model and of the teacher of the Talk corpus for the same speech, for the metrics of takes."""
 
 import functools
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ from ha2g_jax.synthesis import Model
 from ha2g_jax.synthesis.style import later_seed
 
 MODEL, TEACHER, ONE_TAKE, STILL = "model", "teacher", "teacher, one take", "mean pose"
-MAX_CLIPS = 8  # of a split
+MAX_CLIPS = 8  # clips of a split
 TEACHER_TAKES, MODEL_TAKES = 20, 8
 
 
@@ -53,7 +53,7 @@ def compare_takes(
 
 
 def teach(skeleton: Skeleton, clip: Clip, seed: list[int], fps: float) -> np.ndarray:
-    """Return the directions (T, bones, 3) of a take of the teacher, who rests while nobody speaks."""
+    """Return the directions (T, bones, 3) of a take of the teacher, which rests while nobody speaks."""
     heard = clip.audio if clip.words else np.zeros_like(clip.audio)
     taught = teacher.perform(heard, clip.words, Style(*clip.style), np.random.default_rng(seed), fps)
     return positions_to_directions(skeleton, taught.positions)
