@@ -1,1 +1,1 @@
-"""Motion after generation: the value and its file, resampling, control, export, videos and key frames."""
+"""Motion after generation: its type and file, resampling, control, export, videos and key frames."""

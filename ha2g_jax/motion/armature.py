@@ -48,7 +48,7 @@ class Armature:
 
 @dataclasses.dataclass(frozen=True)
 class Animation:
-    """Rotations (T, J, 4) of joints relative to their parents, and places (T, 3) of the root in metres, at k / fps."""
+    """Rotations (T, J, 4) of joints relative to their parents, and positions (T, 3) of the root in metres."""
 
     armature: Armature
     rotations: np.ndarray
@@ -133,8 +133,8 @@ def figure_armature(skeleton: Skeleton) -> Armature:
 def add_lower_body(animation: Animation, lower: LowerBody) -> Animation:
     """Put an animation of the `ha2g` armature on a pelvis with legs, whose joints come before its own.
 
-    The pelvis becomes the root, and the joint `spine` its child at a constant offset, so that the chest is where the
-    spine carries it only on average. Rotations in the world stay those of the animation.
+    The pelvis becomes the root, and the joint `spine` its child at a constant offset, so that the position of the chest
+    is exact only on average. Rotations in the world stay those of the animation.
     """
     turned = rotations.unit(lower.rotations)
     local = turned.copy()
@@ -198,7 +198,7 @@ def rest_directions(skeleton: Skeleton) -> np.ndarray:
 
 
 def _rest_hand(skeleton: Skeleton, mean: np.ndarray) -> dict[str, np.ndarray]:
-    """Return unit vectors of the bones of a left hand along +x, palm down, by the joint at the end without its side."""
+    """Return unit vectors of the bones of a left hand along +x, palm down, by the end joint without its side."""
     fan = {finger: mean[skeleton.bone(f"left_{finger}_1")] for finger in (*FOUR_FINGERS, "thumb")}
     along = fan["middle"]
     back = rotations.unit(np.cross(fan["index"] - fan["pinky"], along))

@@ -1,8 +1,8 @@
-"""Idle movement of a figure that rests: it breathes and sways a little, and now and then shifts and looks elsewhere.
+"""Idle movement of a resting figure: it breathes and sways a little, and now and then shifts and looks elsewhere.
 
-The movement is a function of the seed and of the number of the frame, so that a stream may compute a frame again. It
-follows noise and repeats nothing. The size of breath and sway is that of a person who stands and waits, of whom two
-recordings were measured, in calm moments.
+The movement is a function of the seed and of the number of the frame, so that a stream may compute a frame again. It is
+made from noise and never repeats. The sizes of breath and sway were measured in calm moments of two recordings of a
+person who stands and waits.
 """
 
 import functools
@@ -15,26 +15,26 @@ from ha2g_jax.motion.rotations import from_vector, rotate, unit
 from ha2g_jax.motion.smoothing import minimum_jerk
 from ha2g_jax.skeleton import Skeleton
 
-_SLOWNESS = 1.5  # of the noise, which so changes within three seconds
+_SLOWNESS = 1.5  # factor that slows the noise, which thus changes within three seconds
 _BREATHS = 0.25  # per second
-_BREATH_DEGREES = 0.7  # by which the shoulders rise and fall
+_BREATH_DEGREES = 0.7  # angle by which the shoulders rise and fall
 _BREATH_PHASE, _BREATH_DEPTH = 0.7, 0.25  # standard deviations of the phase in radians, and of the depth
 
 # Standard deviations in degrees about the axes x (lean), y (turn) and z (tilt), of the body, of the head on it, and of
 # each arm.
 _BODY, _HEAD, _ARM = (0.5, 1.2, 0.5), (0.8, 1.5, 0.5), (0.7, 0.4, 0.4)
 
-# Of shifts: seconds between two of them and of each, and degrees about the axes, of the trunk, of the head, and of each
-# arm and of its forearm on it.
+# Shifts: seconds between two of them, seconds of each, and degrees about the axes, for the trunk, the head, and each
+# arm with the forearm relative to it.
 _TRUNK_SHIFT = 9.0, 2.0, (0.0, 1.5, 1.5)
 _GAZE_SHIFT = 3.5, 0.5, (4.0, 10.0, 2.0)
 _ARM_SHIFT = 6.0, 2.5, (2.4, 0.0, 2.0), (4.0, 5.0, 0.0)
 _FARTHEST = 1.6  # standard deviations of a shift
-_FIRST_CHANNEL, _MOST_CHANNELS = 1024, 16  # of the noise, for each kind of shift
+_FIRST_CHANNEL, _MOST_CHANNELS = 1024, 16  # first channel of the noise, and channels for each kind of shift
 
 
 def idle(skeleton: Skeleton, pose: np.ndarray, seed: int, frames: np.ndarray, fps: float) -> np.ndarray:
-    """Return a pose, (bones, 3) unit vectors, as it breathes and sways at frames (T,) of any number, (T, bones, 3)."""
+    """Return a pose, (bones, 3) unit vectors, with breath and sway at frames with numbers (T,), (T, bones, 3)."""
     turns = _turns(skeleton)
     num_slow = 1 + len(turns)
     values = noise.track(seed, frames, _SLOWNESS * fps, 2 * num_slow)[:, :num_slow].astype(np.float64)
@@ -47,7 +47,7 @@ def idle(skeleton: Skeleton, pose: np.ndarray, seed: int, frames: np.ndarray, fp
 def shifts(skeleton: Skeleton, seed: int, frames: np.ndarray, fps: float) -> np.ndarray:
     """Return the rotation vectors in radians, (T, bones, 3), by which a figure has shifted at frames (T,).
 
-    In each span of some seconds trunk, head and each arm move once to a new place, at a moment within it.
+    In each span of some seconds, trunk, head and each arm move once to a new position, at some time within it.
     """
     total = np.zeros((len(frames), skeleton.num_bones, 3))
     for number, (span, seconds, turns) in enumerate(_shifts(skeleton)):
@@ -56,7 +56,7 @@ def shifts(skeleton: Skeleton, seed: int, frames: np.ndarray, fps: float) -> np.
         points = (before[:, None, None] - [[1], [0]]).astype(np.int32).astype(np.uint32)
         channels = np.uint32(_FIRST_CHANNEL + _MOST_CHANNELS * number) + np.arange(len(turns) + 1, dtype=np.uint32)
         drawn = noise.normal(np.array([seed], np.uint32), points, channels)  # (T, 2, turns + 1)
-        start = (1 - seconds / span) * (drawn[:, 1, -1] * 16 % 1)  # the last channel has the moment
+        start = (1 - seconds / span) * (drawn[:, 1, -1] * 16 % 1)  # the last channel gives the time
         weight = minimum_jerk(np.clip((spans - before - start) * span / seconds, 0, 1))[:, None]
         places = np.clip(drawn[..., :-1], -_FARTHEST, _FARTHEST)
         total += np.tensordot(places[:, 0] + weight * (places[:, 1] - places[:, 0]), turns, 1)

@@ -30,8 +30,8 @@ SOLE = 0.02
 """Metres from the ball of the foot to the floor."""
 
 _MAX_METRES = 1e4
-_TRUSTED = 0.1  # metres within which the height 0 of a file is taken for the floor
-_LOWEST = 0.05  # quantile of the heights of the lower foot that is standing
+_TRUSTED = 0.1  # metres within which the height 0 of a file is assumed to be the floor
+_LOWEST = 0.05  # quantile of the heights of the lower foot that counts as standing
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,7 +64,7 @@ class LowerBody:
     def floor(self) -> float:
         """Height of the floor in metres: 0, or where the feet stand if that is more than 10 cm from 0.
 
-        SMPL-X measures `trans` from a point of its body model, so that 0 is no floor.
+        SMPL-X measures `trans` from a point of its body model, so that 0 need not be the floor.
         """
         lowest = self.positions()[..., 1].min(axis=1)
         height = float(np.quantile(lowest, _LOWEST)) - SOLE

@@ -35,7 +35,7 @@ _SAMPLED = 500  # frames whose bone lengths are averaged
 _MIN_LENGTH, _MAX_LENGTH = 1e-3, 1e3  # of a direction vector, which should have length 1
 _MAX_METRES = 100.0
 _MIN_BONE = 1e-3  # metres between the two joints of a bone
-_BLOCK = 10_000  # frames that are looked at together, so that a long motion needs no second copy
+_BLOCK = 10_000  # frames that are checked together, so that a long motion needs no second copy
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,9 +48,9 @@ class Motion:
         fps: frames per second; frame k shows the time k / fps.
         joint_names: names of the joints; joint 0 is the root.
         meta: JSON values that say how the motion was made; "skeleton" is the name of the skeleton.
-        lower: pelvis, legs and place of the person, where they are known; nothing is generated for them.
-        face: values (T, n) by name, which exports hand on as they are: "expressions" of FLAME, "jaw", (T, 3)
-            axis-angles, and "arkit", (T, 52) weights.
+        lower: pelvis, legs and position of the person, if known; nothing is generated for them.
+        face: values (T, n) by name, which exports pass on unchanged: "expressions" of FLAME, "jaw", (T, 3) axis-angle
+            vectors, and "arkit", (T, 52) weights.
     """
 
     directions: np.ndarray
@@ -72,7 +72,7 @@ class Motion:
     ) -> "Motion":
         """Build a motion from directions (T, bones, 3), which are normalised, and a skeleton's bone lengths.
 
-        The values of `meta` become those of JSON, numbers and arrays of NumPy among them.
+        The values of `meta`, including numbers and arrays of NumPy, are converted to those of JSON.
 
         Raises:
             TypeError: `meta` has a value that JSON does not know.
@@ -294,7 +294,7 @@ def _check_values(directions: np.ndarray, positions: np.ndarray, skeleton: Skele
                 )
         if (largest := float(np.abs(places).max())) > _MAX_METRES:
             raise UserError(f"a joint of the motion is {largest:.4g} m away; expected metres, within {_MAX_METRES:g}")
-        # The largest part of a vector, because the square of an odd number may be infinite.
+        # The largest component of a vector, because the square of a wrong number may be infinite.
         lengths = np.abs(vectors).max(axis=-1)
         is_odd = (lengths < _MIN_LENGTH) | (lengths > _MAX_LENGTH)
         if is_odd.any():

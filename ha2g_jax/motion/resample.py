@@ -8,7 +8,7 @@ _MIN_ANGLE = 1e-4
 _MAX_ANGLE = np.pi - 1e-3
 # Where a bone rotates further than this from one frame to the next, the curve between the frames cannot be known.
 _MAX_STEP = np.pi / 2
-_CHUNK = 4096  # moments at a time, so that half an hour at 240 frames per second needs no more memory than a minute
+_CHUNK = 4096  # frames at a time, so that half an hour at 240 frames per second needs no more memory than a minute
 
 
 def num_frames(duration: float, fps: float) -> int:
@@ -61,7 +61,7 @@ def resample(directions: np.ndarray, fps: float, new_fps: float, new_frames: int
 
 
 def sample(directions: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Sample a motion at any moments on a curve through its poses whose velocity is continuous.
+    """Sample a motion at any times on a curve through its poses whose velocity is continuous.
 
     Between two poses it is a cubic Hermite curve: the great circle between them plus a term that adjusts the
     velocities at both ends, normalised. The velocity at a pose is the mean of the tangents from the pose before and to

@@ -61,7 +61,7 @@ def check_width(seconds: float) -> float:
 
 
 def slow_mean(poses: np.ndarray, fps: float, seconds: float) -> np.ndarray:
-    """Return the mean of the poses around each pose under a Hann window: the posture that a motion moves about.
+    """Return the mean of the poses around each pose, weighted by a Hann window: the posture about which motion moves.
 
     Unlike in `smooth`, the window keeps its width at the ends, where one half of it is empty. The poses (T, ..., n) are
     unit vectors, or quaternions with signs that are continuous over time.

@@ -1,7 +1,7 @@
-"""What a body does while it does not speak: it idles, listens or thinks, between and beside the motion of speech.
+"""What a body does while it does not speak: it idles, listens or thinks.
 
-A state is a row of amounts, `POSTURES`. They go to new values along a curve of continuous velocity and acceleration
-within `EASE` seconds, from any moment on, and all are 0 where the motion is that of speech, which so stays as it is.
+A state is a row of amounts, `POSTURES`. At any time they can move to new values, along a curve of continuous velocity
+and acceleration within `EASE` seconds. All are 0 where the motion is that of speech, so that this does not change.
 """
 
 import copy
@@ -22,9 +22,9 @@ from ha2g_jax.skeleton import Skeleton
 
 STATES = ("auto", "idle", "listen", "think")
 EASE = 0.4  # seconds of a transition
-ATTENTION = 1.5  # seconds for which someone listens on after the other's last voice
+ATTENTION = 1.5  # seconds for which listening goes on after the other speaker's last voice
 NOD_DELAY = 0.7  # seconds from the end of a phrase to the lowest point of the nod
-_NOD_DEGREES, _NOD_SECONDS = 13.0, 0.27  # depth, and seconds of the way down and of the way up
+_NOD_DEGREES, _NOD_SECONDS = 13.0, 0.27  # depth of a nod, and seconds to go down and to go up
 
 # Amounts of idle shifts, of a lean ahead, of turning the head to the other and of nods; of the degrees by which the
 # head turns to the left and down; and of raising each arm.
@@ -34,10 +34,10 @@ POSTURES = {
     "listen": np.array([0.3, 1, 1, 1, 0, 0, 0, 0]),
     "think": np.array([0.3, 0, 0, 0, 1, 1, 1, 1]),
 }
-_FIRST_CHANNEL = np.uint32(2048)  # of the noise that thoughts are drawn from
+_FIRST_CHANNEL = np.uint32(2048)  # first channel of the noise for the state "think"
 _UP = np.array([0.0, -1.0, 0.0])
 _LEAN_DEGREES = 5.0
-_GAZE_DEGREES = (22.0, 38.0), (-12.0, 8.0)  # ranges of the gaze of who thinks: to a side, and down
+_GAZE_DEGREES = (22.0, 38.0), (-12.0, 8.0)  # ranges of the gaze while thinking: to a side, and down
 # Directions of the upper arm and of the forearm of a hand below the chin, to the side of the arm, down and ahead: near
 # enough that a hand that hangs comes there with at most 3 m/s.
 _RAISED = (0.2, 0.96, 0.15), (-0.7, -0.4, 0.6)
@@ -80,7 +80,7 @@ class RunningStates:
             number: number of the frame.
             weight: weight of the motion of speech in the frame; where it is 1 the frame stays as it is.
             nod: depth of a nod in the frame, 0 to 1, see `nod_depths`.
-            is_addressed: whether the other speaks.
+            is_addressed: whether the other speaker speaks.
             arms: (2,) weights of the movement of the left and the right arm, 0 for one that rests.
         """
         begins = weight > self._weight
@@ -143,12 +143,12 @@ def nod_depths(ends: list[float], frames: np.ndarray, fps: float) -> np.ndarray:
 class Ease:
     """Values that reach new ones a number of frames later, along a curve of the fifth degree.
 
-    The curve to a new target goes on with the present velocity and acceleration, and ends at rest.
+    The curve to a new target continues with the current velocity and acceleration, and ends at rest.
     """
 
     def __init__(self, values: np.ndarray, frames: int):
         self._target, self._frames, self._frame = np.asarray(values, np.float64), frames, frames
-        self._curve = np.zeros((6, len(values)))  # of the way that is left: coefficients of the time from 0 to 1
+        self._curve = np.zeros((6, len(values)))  # coefficients of the remaining curve, over a time from 0 to 1
 
     def step(self, target: np.ndarray) -> np.ndarray:
         """Return the values (n,) of the next frame, on the way to a target (n,)."""

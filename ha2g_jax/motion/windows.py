@@ -1,4 +1,4 @@
-"""Joining of overlapping windows to one motion."""
+"""Joining of overlapping windows into one motion."""
 
 import numpy as np
 
@@ -7,20 +7,20 @@ from ha2g_jax.motion.rotations import between, from_vector, rotate, to_vector
 from ha2g_jax.motion.smoothing import minimum_jerk
 
 DEFAULT_LOOK_AHEAD = 8
-"""Frames of speech that a stream hears beyond each frame where nothing else is asked for; fewer give few beats."""
+"""Default number of frames of speech that a stream hears beyond each frame; with fewer there are few beats."""
 
 DEFAULT_HOP = 2
-"""Frames of a stream that are generated in one run: half the computation of 1, and motion that fits better."""
+"""Default number of frames that a stream generates in one run: half the computation of 1, and motion that fits better."""
 
 _EASE_FRAMES = 10
-_MOST_FADE = 6  # frames; chosen, as the share of the look-ahead, on the validation split of Talk
-_TOLERANCE = 2.0  # times the usual distance from the course, which is no step
+_MOST_FADE = 6  # frames; chosen, like the share of the look-ahead, on the validation split of Talk
+_TOLERANCE = 2.0  # times the usual deviation from the course; a larger one counts as a step
 
 
 def window_stride(window: int, overlap: int) -> int:
     """Return the frames from one window of a recording to the next, two thirds of the N - M that a window adds.
 
-    The last frames of a window are generated without the speech that follows. They are generated again by the next one.
+    The last frames of a window are generated without the speech that follows; the next window generates them again.
     """
     return max(1, 2 * (window - overlap) // 3)
 
@@ -34,8 +34,8 @@ def join_windows(windows: np.ndarray, overlap: int, stride: int) -> np.ndarray:
     """Join windows (K, N, bones, 3) of unit vectors to one motion (N + (K - 1) stride, bones, 3).
 
     A window begins `stride` frames after the one before, and its first M frames are those that it was given. After them
-    what the window before expected fades out: in M frames the weight of the later window is 1/(M+1), ..., M/(M+1),
-    interpolated on the sphere. With a stride of N - M they fade in the frames that were given.
+    the prediction of the window before fades out: in M frames the weight of the later window is 1/(M+1), ..., M/(M+1),
+    interpolated on the sphere. With a stride of N - M the fade is in the frames that were given.
     """
     num_frames = windows.shape[1]
     first = 0 if stride == num_frames - overlap else overlap
@@ -47,10 +47,10 @@ def join_windows(windows: np.ndarray, overlap: int, stride: int) -> np.ndarray:
 def ease_start(motion: np.ndarray, window: int, overlap: int) -> np.ndarray:
     """Remove the step after the M frames of a pose that a motion was given to start from.
 
-    In its first M frames a window repeats the poses it was given; its first new frame may lie off the course of these,
-    which the mean of the steps before and after it extrapolates. So do other frames of a lively motion: where a bone is
-    farther off than twice the mean over the frames after it, it is rotated back to that distance, and the rotation
-    fades out over the next 10 frames along a minimum-jerk curve (inertial blending, Bollo 2018).
+    In its first M frames a window repeats the poses it was given. Its first new frame may deviate from their course,
+    which is extrapolated by the mean of the steps before and after it. Other frames of a lively motion deviate too: if
+    a bone deviates by more than twice the mean over the frames after it, it is rotated back to that distance, and the
+    rotation fades out over the next 10 frames along a minimum-jerk curve (inertial blending, Bollo 2018).
 
     Args:
         motion: (T, bones, 3) unit vectors, of windows of N frames.
@@ -81,8 +81,8 @@ def _usual_distance(motion: np.ndarray) -> np.ndarray:
 class RunningJoin:
     """Windows that come one after the other, each `hop` frames later, joined as they come.
 
-    A window shows the frames from its `first` one on; those before it have been shown. What the window before expected
-    of the first frames that are shown fades out in hop + 1 frames, at most M, so that the motion does not jump. With
+    A window shows the frames from number `first` on; those before it have been shown. The prediction of the window
+    before for the first shown frames fades out in hop + 1 frames, at most M, so that the motion does not jump. With
     short hops and a look-ahead it fades out in up to 6 frames: several windows have then heard the speech of a frame,
     and their mean trembles less.
 

@@ -17,7 +17,7 @@ from ha2g_jax.motion.resample import sample
 from ha2g_jax.skeleton import Skeleton
 
 MOST = 2.0  # largest energy and extent
-_MAX_SECONDS = 1e6  # of a span, which may end after the motion
+_MAX_SECONDS = 1e6  # latest end of a span, which may be after the motion
 
 
 class Pin(NamedTuple):
@@ -73,7 +73,7 @@ def check(controls: Controls, skeleton: Skeleton, duration: float = math.inf) ->
     """Check controls before they are applied to a motion of some seconds.
 
     Raises:
-        UserError: these are no `Controls`, or an amount, a side, a pose or a span is not valid.
+        UserError: the value is not of type `Controls`, or an amount, a side, a pose or a span is not valid.
     """
     if not isinstance(controls, Controls):
         raise UserError(f"the controls are {controls!r}; give Controls, such as Controls(energy=0.5)")

@@ -133,7 +133,7 @@ def motion_weight(span: Pin | Span, others: Sequence[Pin | Span], frames: int, f
 
 
 class Ramp:
-    """Values (n,), `values`, that go to new ones within half a second, along a minimum-jerk curve."""
+    """Values (n,), `values`, that move to new ones within half a second, along a minimum-jerk curve."""
 
     def __init__(self, values: np.ndarray, fps: float):
         self._target = self._start = self.values = np.asarray(values, np.float64)
@@ -141,7 +141,7 @@ class Ramp:
         self._frame = 0
 
     def step(self, target: np.ndarray, frames: int = 1) -> np.ndarray:
-        """Return the values (n,) some frames later; the way to a new target begins at the present values."""
+        """Return the values (n,) some frames later; the curve to a new target begins at the current values."""
         if not np.array_equal(target, self._target):
             self._target, self._start, self._frame = np.asarray(target, np.float64), self.values, 0
         self._frame = min(self._frame + frames, self._frames)
@@ -151,7 +151,7 @@ class Ramp:
 
 
 def check_running(controls: Controls, skeleton: Skeleton) -> None:
-    """Raise a UserError if a control of a motion that goes on is not valid, or needs the frames after it."""
+    """Raise a UserError if a control of an ongoing motion is not valid, or needs later frames."""
     check(controls, skeleton)
     if controls.pins or controls.mutes:
         name = "pins" if controls.pins else "mutes"
@@ -162,11 +162,11 @@ def check_running(controls: Controls, skeleton: Skeleton) -> None:
 
 
 class RunningControls:
-    """The controls energy, extent, handedness and mirror, and a mute, of a motion that goes on.
+    """The controls energy, extent, handedness and mirror, and a mute, of an ongoing motion.
 
     Energy scales the movement about the mean of the poses so far, an exponential mean with a time constant of two
-    seconds; in `energy` that mean is centred. The other controls do to a frame what they do in `apply`. Changes are
-    eased over half a second.
+    seconds; in `energy` that mean is centred. The other controls have the same effect on a frame as in `apply`. Changes
+    are eased over half a second.
     """
 
     def __init__(self, skeleton: Skeleton, fps: float, controls: Controls = NEUTRAL):
@@ -186,7 +186,7 @@ class RunningControls:
         return np.concatenate([np.zeros((0, *directions.shape[1:]), np.float32), *frames])
 
     def copy(self) -> "RunningControls":
-        """Return controls that go on from the same frame."""
+        """Return a copy that continues from the same frame."""
         other = copy.copy(self)
         other._ramp, other._sum = copy.copy(self._ramp), self._sum.copy()
         return other
@@ -201,7 +201,7 @@ class RunningControls:
         posture = self._posture(frame[0])
         if scale != 1:
             frame = scale_about_posture(self._skeleton, posture, frame, scale, parts(self._skeleton))
-        if mirrored:  # between the two, each part is on the way from one side to the other
+        if mirrored:  # during the transition, each part moves from one side to the other
             other = mirror_directions(self._skeleton, frame)
             frame = scale_about(other[0], frame, 1 - mirrored, parts(self._skeleton)) if mirrored < 1 else other
         frame = extent(self._skeleton, frame, reach)
@@ -218,6 +218,6 @@ class RunningControls:
 
 
 def _amounts(controls: Controls, is_muted: bool) -> np.ndarray:
-    """Return energy, extent, the share of the mirror image, and the weight of the motion in each arm."""
+    """Return energy, extent, the weight of the mirror image, and the weight of the motion in each arm."""
     arms = [0.0 if is_muted or controls.handedness not in (side, "both") else 1.0 for side in SIDES]
     return np.array([controls.energy, controls.extent, float(controls.mirror), *arms])

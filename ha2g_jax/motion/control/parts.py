@@ -19,7 +19,7 @@ TRUNK, HEAD, UPPER_ARM, FOREARM, HAND, FINGER = "trunk", "head", "upper arm", "f
 
 # Angle between a resting forearm and straight down; speakers hold the forearms so between gestures.
 _RESTING_FOREARM, _DOWN = np.deg2rad(65), np.array([0.0, 1.0, 0.0])
-# The rotation of a head or a hand is continued in its direction up to this angle; beyond it the short way is taken.
+# The rotation of a head or a hand is continued in its direction up to this angle; beyond it the shorter arc is taken.
 _LONGEST = 1.3 * np.pi
 
 # A scale above 1 keeps rotations within these angles from the mean pose, in radians, unless the motion itself exceeds
@@ -230,7 +230,7 @@ def _scaled(
 def limit_scale(scale: float, rise: np.ndarray, headroom: np.ndarray) -> np.ndarray:
     """Limit a scale s above 1 to 1 + (s - 1) tanh(z) / z with z = (s - 1) rise / headroom.
 
-    So it adds at most the headroom (T,) to a motion that differs from the reference by `rise` (T,).
+    It thus adds at most the headroom (T,) to a motion that differs from the reference by `rise` (T,).
     """
     if scale <= 1:
         return np.full(len(rise), scale)

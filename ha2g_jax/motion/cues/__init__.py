@@ -1,4 +1,4 @@
-"""Gestures on demand: what can be asked for, and its blending into a motion; `cues.reading` reads it from files."""
+"""Gestures on demand: their catalogue, and blending into a motion; `cues.reading` reads cues from files."""
 
 from ha2g_jax.motion.cues.catalogue import NAMES, describe_catalogue, keyframes
 from ha2g_jax.motion.cues.cue import Cue, check_cue, check_name, describe, keyframes_of, place

@@ -1,7 +1,7 @@
-"""The gestures that can be asked for, as data: keyframes of the limbs that each uses, built for any skeleton.
+"""The gestures that a cue can request, as data: keyframes of the limbs that each uses, built for any skeleton.
 
-A gesture is a table of a few moments. Arms take poses, from the place of the wrist and the shape of the hand; head,
-spine and shoulders turn on top of the motion. Time 0 is the peak of the stroke.
+A gesture is a table of a few keyframes. Arms take poses, given by the position of the wrist and the shape of the hand;
+head, spine and shoulders turn on top of the motion. Time 0 is the peak of the stroke.
 """
 
 import functools
@@ -16,17 +16,17 @@ from ha2g_jax.skeleton import Skeleton, load_skeleton
 
 _FACING = np.array([1.0, -1.0, -1.0])  # `export_axes` of TED-Expressive
 _HANDS = {**anatomy.HAND_SHAPES, "index": (0.75, 0.0, 1.0, 1.0, 1.0), "soft": (0.15, 0.12, 0.16, 0.2, 0.22)}
-_HOLD = 0.95  # weight after the peak, where a limb lives on with the speech
+_HOLD = 0.95  # weight after the peak, so that a limb still moves a little with the speech
 _STRAIGHT = 0.995  # distance of the wrist of a straight arm, in lengths of the arm
-_DECIMALS = 4  # of the JSON form
+_DECIMALS = 4  # decimals in the JSON form
 
 
 class Keyframes(NamedTuple):
     """A gesture of a skeleton; times are in seconds from its peak.
 
     Attributes:
-        weight_times, weights: (W,) how far the gesture replaces the motion: 0 at both ends, 1 at the peak.
-        times: (K,) moments of the keyframes, between which limbs move by minimum jerk.
+        weight_times, weights: (W,) times, and how far the gesture replaces the motion: 0 at both ends, 1 at the peak.
+        times: (K,) times of the keyframes, between which limbs move by minimum jerk.
         poses: unit vectors (K, bones, 3) of the bones of a limb of `limbs`, by its name.
         turns: rotation vectors (K, 3) in radians that are added to the motion of a limb, by its name.
     """
@@ -41,7 +41,7 @@ class Keyframes(NamedTuple):
     def of_motion(
         cls, skeleton: Skeleton, times: np.ndarray, directions: np.ndarray, weight_times: np.ndarray
     ) -> "Keyframes":
-        """Build the gesture that shows a motion (K, bones, 3) with the whole body, and has its weight at five times."""
+        """Build the gesture that shows a motion (K, bones, 3) with the whole body, with weights at five times."""
         poses = {limb: directions[:, bones_of(of_limb)] for limb, of_limb in limbs(skeleton).items()}
         return cls(weight_times, np.array([0.0, 1.0, 1.0, 1.0, 0.0]), times, poses, {})
 
@@ -50,7 +50,7 @@ class _Arm(NamedTuple):
     """A pose of an arm.
 
     Attributes:
-        wrist: metres outward, up and forward of the shoulder.
+        wrist: position relative to the shoulder, in metres outward, up and forward.
         hand: shape of the hand, one of `_HANDS`.
         pronation, extension, deviation, swivel: degrees, see `anatomy.ARM_LIMITS` and `anatomy.reach`.
     """
@@ -76,7 +76,7 @@ class _Key(NamedTuple):
 class _Entry(NamedTuple):
     """A gesture of the table: its keys by their times, when it begins and ends, and its arms.
 
-    Arms are "one", which is the right one unless the cue names the left one, "both", a side, or "" for none.
+    Arms are "one", the right one unless the cue names the left one, "both", a side, or "" for none.
     """
 
     arms: str
@@ -154,7 +154,7 @@ _ONE_ARMED = tuple(name for name, entry in _ENTRIES.items() if entry.arms == "on
 GESTURES = tuple(_ENTRIES)
 """Gestures without their left-handed forms."""
 NAMES = (*GESTURES, *(f"{name}:left" for name in _ONE_ARMED))
-"""All gestures; those of one arm are of the right one without `:left`."""
+"""All gestures; those of one arm use the right one without `:left`."""
 
 
 @functools.cache

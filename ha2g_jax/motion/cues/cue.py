@@ -1,4 +1,4 @@
-"""Cues, which ask for a gesture at a time, on a word or now."""
+"""Cues, which request a gesture at a time, on a word or now."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -20,12 +20,12 @@ _CLIP_EASE = 0.4  # seconds before and after a clip
 
 
 class Cue(NamedTuple):
-    """A gesture that is asked for.
+    """A request for a gesture.
 
     Attributes:
         name: "nod", "count:3", "point:left" or another one of `catalogue.NAMES`, or "clip:FILE" for a file of motion.
-        time: seconds of the motion at which the stroke peaks; with a word, from which on the word is looked for; in a
-            stream, None is as soon as possible.
+        time: time in seconds at which the stroke peaks; with a word, the time from which the word is searched; in a
+            stream, None means as soon as possible.
         word: word of the transcript on whose beginning the stroke peaks.
         clip: motion of a clip, as `reading.read_clip` reads it.
     """
@@ -37,7 +37,7 @@ class Cue(NamedTuple):
 
 
 def check_name(name: str, *, has_files: bool = True) -> str:
-    """Return the name of a gesture as `keyframes_of` takes it.
+    """Return the name of a gesture in the form that `keyframes_of` takes.
 
     Raises:
         UserError: there is no such gesture, or it is a clip although `has_files` is False.
@@ -64,7 +64,7 @@ def _known(has_files: bool) -> str:
 def keyframes_of(cue: Cue, skeleton: Skeleton, fps: float) -> Keyframes:
     """Return the keyframes of the gesture of a cue; those of a clip have a frame rate, and the middle is its peak.
 
-    A clip uses the whole body; the motion eases to its first pose before it, and from its last one after it.
+    A clip uses the whole body; the motion eases to its first pose before it, and from its last pose after it.
 
     Raises:
         UserError: there is no such gesture, or the motion of a clip has not been read or has another skeleton.
@@ -86,10 +86,10 @@ def keyframes_of(cue: Cue, skeleton: Skeleton, fps: float) -> Keyframes:
 
 
 def check_cue(cue: Cue | str) -> Cue:
-    """Return a cue, or the one of a name, whose name is as `keyframes_of` takes it.
+    """Return a cue, or the cue with a name, whose name has the form that `keyframes_of` takes.
 
     Raises:
-        UserError: this is no cue, there is no such gesture, or the time is not a number of seconds.
+        UserError: the value is not a cue, there is no such gesture, or the time is not a number of seconds.
     """
     cue = Cue(cue) if isinstance(cue, str) else cue
     if not (isinstance(cue, Cue) and isinstance(cue.name, str)):

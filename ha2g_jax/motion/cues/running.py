@@ -1,4 +1,4 @@
-"""Blending of gestures into a motion that goes on, frame by frame; a file takes the same way as a stream."""
+"""Blending of gestures into an ongoing motion, frame by frame; files and streams use the same code."""
 
 import copy
 import dataclasses
@@ -18,7 +18,7 @@ MAX_SPEED = 9.0
 """Radians per second: the greatest angular speed of a bone that a cue moves."""
 
 MOST = 64
-"""Gestures of one motion that run at a time, and of a stream that wait."""
+"""Number of gestures of one motion that may run at a time, and of a stream that may wait."""
 
 _PEAK_SPEED = 1.875  # of a minimum-jerk movement, relative to its mean speed
 
@@ -32,8 +32,8 @@ def apply(
 ) -> np.ndarray:
     """Blend gestures with their times in seconds into a whole motion (T, bones, 3), see `RunningCues`.
 
-    A gesture that begins before the motion is under way in its first frame, unless the motion goes on from a pose
-    `before`; one that lasts longer than the motion ends with it.
+    A gesture that begins before the motion has already begun in its first frame, unless the motion continues from a
+    pose `before`; one that lasts longer than the motion ends with it.
     """
     running = RunningCues(skeleton, fps, before)
     for keys, time in gestures:
@@ -46,7 +46,7 @@ class _Running:
     """A gesture that waits or runs.
 
     Attributes:
-        peak: number of the frame of its peak; None is as soon as possible.
+        peak: number of the frame of its peak; None for as soon as possible.
         limbs: limbs that no later gesture has taken over.
         ramp: seconds from its beginning to its first keyframe; None while it waits.
         is_planned: whether the peak is final.
@@ -64,9 +64,9 @@ class _Running:
 class RunningCues:
     """Gestures that are blended into a motion, each with its peak in a given frame.
 
-    A gesture eases in and out by minimum jerk, and begins early enough for the way to its first pose; if it is too late
-    for that, its peak is as early as possible. Limbs that it does not use do not change by a bit. Where two use a limb,
-    the later one takes over from the present pose, and keeps the limb from its peak on. No bone that a gesture moves
+    A gesture eases in and out by minimum jerk, and begins early enough to reach its first pose; if it is too late for
+    that, its peak is as early as possible. Limbs that it does not use do not change at all. If two gestures use a limb,
+    the later one takes over from the current pose, and keeps the limb from its peak on. No bone that a gesture moves
     turns faster than `MAX_SPEED`.
 
     Attributes:
@@ -81,12 +81,12 @@ class RunningCues:
         self._cues: list[_Running] = []  # those that run, in the order in which they began, and then those that wait
 
     def add(self, keys: Keyframes, time: float | None = None) -> None:
-        """Add a gesture whose peak is at a time of the motion in seconds; None is as soon as possible."""
+        """Add a gesture whose peak is at a time of the motion in seconds; None for as soon as possible."""
         peak = None if time is None else round(time * self._fps)
         self._cues.append(_Running(keys, peak, [*keys.poses, *keys.turns]))
 
     def copy(self) -> "RunningCues":
-        """Return gestures that go on from the same frame."""
+        """Return a copy that continues from the same frame."""
         other = copy.copy(self)
         other._cues = [dataclasses.replace(cue, rotations=dict(cue.rotations)) for cue in self._cues]
         return other
@@ -151,7 +151,7 @@ class RunningCues:
         self._cues = [*running, *(cue for cue in waiting if cue.ramp is None)]
 
     def _way(self, cue: _Running, present: np.ndarray) -> float:
-        """Return the angle that a bone turns at most from the present pose to the first one of a gesture."""
+        """Return the largest angle that a bone turns from the current pose to the first one of a gesture."""
         ways = [_angles(present[self._bones[limb]], poses[0]).max() for limb, poses in cue.keys.poses.items()]
         return float(max(ways, default=0.0))
 
@@ -171,7 +171,7 @@ class RunningCues:
                 frame[bones] = rotate(from_vector(turn), frame[bones])
 
     def _toward(self, frame: np.ndarray, pose: np.ndarray, weight: float, cue: _Running, limb: str) -> np.ndarray:
-        """Return the bones of a limb on the way from a frame (bones, 3) to a pose of the limb."""
+        """Return the bones of a limb, blended from a frame (bones, 3) to a pose of the limb."""
         chosen = self._limbs[limb]
         reference = frame.astype(np.float64)
         reference[self._bones[limb]] = pose
@@ -209,7 +209,7 @@ class RunningCues:
 
 
 def _place(times: np.ndarray, time: float) -> tuple[int, int, float]:
-    """Return the keyframes before and after a time, and the share of the way between them, by minimum jerk."""
+    """Return the keyframes before and after a time, and the fraction between them, by minimum jerk."""
     after = min(max(int(np.searchsorted(times, time, side="right")), 1), len(times) - 1)
     before = max(after - 1, 0)
     span = times[after] - times[before]

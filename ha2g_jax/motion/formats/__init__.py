@@ -16,7 +16,7 @@ __all__ = ["FBX", "SUFFIXES", "choose_rig", "export"]
 SUFFIXES = (".bvh", ".glb", ".vrma", ".json", ".csv", ".npz")
 FBX = ".fbx"  # written by Blender
 
-# Formats that do not take every rig. The first rig of a list takes the place of the default.
+# Formats that do not take every rig. The first rig of a list replaces the default.
 _RIGS = {".vrma": ("vrm",), ".npz": (rigs.OWN, "smplx")}
 
 
@@ -24,10 +24,10 @@ def export(motion: Motion, path: str | pathlib.Path, *, rig: str = rigs.OWN) -> 
     """Write a motion to a file in the format that the suffix of the path names.
 
     `.bvh`, `.glb`, `.json`, `.csv` and `.fbx`, which needs Blender, take any rig. `.vrma` always has the rig vrm.
-    `.npz` is the file of `Motion.save`, or with the rig smplx a file of SMPL-X poses. Pelvis, legs and place of the
-    person are written where the motion has them, and its face to `.npz` only; the floor is at y = 0 but in SMPL-X. In
-    `.glb` and `.vrma` the name and the seconds of the speech are "speech" and "duration" of `motion.meta`. The same
-    motion gives the same bytes, but for `.fbx`. The file is written atomically.
+    `.npz` is the file of `Motion.save`, or with the rig smplx a file of SMPL-X poses. Pelvis, legs and position of the
+    person are written if the motion has them, and its face only to `.npz`; the floor is at y = 0 except in SMPL-X. In
+    `.glb` and `.vrma` the name and the length in seconds of the speech are "speech" and "duration" of `motion.meta`.
+    The same motion gives the same bytes, except in `.fbx`. The file is written atomically.
 
     Args:
         path: file whose suffix is one of `SUFFIXES`, or `FBX`.
@@ -50,7 +50,7 @@ def export(motion: Motion, path: str | pathlib.Path, *, rig: str = rigs.OWN) -> 
         animation = dataclasses.replace(animation, translation=animation.translation - floor)
     animation = retarget(animation, target)
     seconds, speech = motion.meta.get("duration"), motion.meta.get("speech")
-    if not isinstance(seconds, int | float):  # the facts of a file may be any JSON
+    if not isinstance(seconds, int | float):  # the metadata of a file may be any JSON
         seconds = motion.num_frames / motion.fps
     facts = {"duration": seconds, "audio_name": speech if isinstance(speech, str) else None}
     from ha2g_jax.motion.formats import bvh, fbx, gltf, tables  # glTF's library takes a sixth of a second
@@ -72,7 +72,7 @@ def export(motion: Motion, path: str | pathlib.Path, *, rig: str = rigs.OWN) -> 
 
 
 def choose_rig(path: pathlib.Path, rig: str) -> rigs.Rig:
-    """Return the rig of a file: the one of that name, or for `.vrma` vrm in place of the default.
+    """Return the rig of a file: the one of that name, or for `.vrma` vrm instead of the default.
 
     Raises:
         UserError: the suffix of the path or the rig is unknown, the format does not take the rig, or there is no

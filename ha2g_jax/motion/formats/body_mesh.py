@@ -1,8 +1,8 @@
 """Mesh of the body in a `.glb` and on pages: the person of `figure`, made of lofts between the joints at rest.
 
 Sizes are those of a tall adult whose shoulder joints are 0.418 m apart, as with the mean bone lengths of
-TED-Expressive, and are scaled with that distance. Below the hem there are whole legs where the armature has them, and
-else legs to the knees.
+TED-Expressive, and are scaled with that distance. Below the hem there are whole legs if the armature has them, and
+otherwise legs down to the knees.
 """
 
 import itertools

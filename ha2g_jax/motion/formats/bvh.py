@@ -32,7 +32,7 @@ def write(path: str | pathlib.Path, animation: Animation) -> None:
     root = _CENTIMETRES * animation.translation
     with whole_file(path) as temporary, temporary.open("w", newline="\n") as file:
         file.write("HIERARCHY\n" + "\n".join(_hierarchy(armature, _CENTIMETRES * places, 0, 0)) + "\n")
-        frame_time = f"{1 / animation.fps:.10f}"  # all decimals, which tell 125 from 120
+        frame_time = f"{1 / animation.fps:.10f}"  # enough decimals to tell 125 from 120
         file.write(f"MOTION\nFrames: {animation.num_frames}\nFrame Time: {frame_time}\n")
         line = " ".join(["%.6f"] * 3 + ["%.5f"] * (3 * len(order))) + "\n"
         with progress_bar("writing BVH", animation.num_frames, "frame", is_part=True) as bar:

@@ -26,7 +26,7 @@ _LEAST_PROMINENCE = 0.03  # metres per second by which a stroke is faster than t
 _MARGIN = 0.1  # fraction of a span that is left out at both ends, so that two key frames are not adjacent
 _GAP = 6  # pixels between pictures
 _MOST_LINES = 3  # lines of words under a picture
-_NEAR = 1.0  # words are shown within so many seconds of a frame
+_NEAR = 1.0  # words within this many seconds of a frame are shown
 _INK, _GREY = (30, 34, 42), (140, 146, 156)
 _PAPER = (255, 255, 255)
 
@@ -42,7 +42,7 @@ def choose(motion: Motion, count: int) -> list[int]:
     Returns:
         Indices of `count` different frames in order of time, or of all frames where the motion has fewer.
     """
-    from scipy import signal  # its import takes a second, which an error need not wait for
+    from scipy import signal  # imported here because it takes a second, which an error need not wait for
 
     if motion.num_frames <= count:
         return list(range(motion.num_frames))

@@ -38,7 +38,7 @@ _ENCODER = {
     "threads": "1",
     "x264-params": "bframes=0:rc-lookahead=0:mbtree=0:weightp=0:scenecut=0:subme=0:me=dia",
 }
-_BT709 = 1  # number of this standard in the tables of H.264
+_BT709 = 1  # code of this standard in H.264
 
 
 def write_video(
@@ -57,8 +57,8 @@ def write_video(
     """Write an `.mp4` (H.264 and AAC) that lasts as long as the sound.
 
     The poses between the frames of a motion are interpolated on the sphere. A fixed camera shows all figures at one
-    size, as large as hands and head stay in the picture. The same input gives the same bytes on one machine, whatever
-    the number of workers. The file is written atomically.
+    size, the largest at which hands and head stay in the picture. The same input gives the same bytes on one machine,
+    whatever the number of workers. The file is written atomically.
 
     Args:
         motion: one motion, or several by name, whose figures are drawn side by side with their names.
@@ -67,7 +67,7 @@ def write_video(
             figure.
         camera: one of `figure.CAMERAS`: "body" to the hips and the lowest hands, "close" for the upper body and hands.
         fps: frames per second, 1 to `limits.MAX_FPS`; 30 by default.
-        view: one for all figures, as of `fit_view` for several videos; by default it is fitted to those of this one.
+        view: view of all figures, such as that of `fit_view` for several videos; by default it is fitted to this one.
         workers: number of threads that draw and encode; by default one for each core.
 
     Raises:

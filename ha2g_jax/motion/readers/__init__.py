@@ -1,4 +1,4 @@
-"""Reading of motion of any system as a `Motion`, whatever the file: the kind is found by its content.
+"""Reading of motion of any system as a `Motion`; the kind of a file is recognised by its content.
 
 | kind | file |
 |---|---|
@@ -48,7 +48,7 @@ _logger = logging.getLogger(__name__)
 _KINDS = ".npz, .npy, .bvh, .glb, .vrma, .json or .csv"
 _EXPECTED = f"a motion: {_KINDS}"
 _TREES = {".bvh": "BVH", ".glb": "glTF", ".json": "table", ".csv": "table"}  # kinds by container
-_FACTS = ("fps", "joint_map", "unit", "up")  # of the motion of a tree, that `meta` notes
+_FACTS = ("fps", "joint_map", "unit", "up")  # facts about the motion of a tree that are stored in `meta`
 _PICKLES = (".pkl", ".pickle", ".p", ".pk")
 _PICKLE = b"\x80"  # begins every pickle of protocol 2 or later
 _BEGINNINGS = {
@@ -105,7 +105,7 @@ def read_motion(
     Args:
         skeleton: skeleton of the result, "ted_expressive" or "ted_gesture"; by default the first that the file fits.
         fps: frames per second of the result; None keeps those of the file. A motion of our own keeps its rate.
-        reading: what is known about the file, see `Reading`; what its kind does not depend on has no effect.
+        reading: what is known about the file, see `Reading`; options that its kind does not use have no effect.
 
     Returns:
         The motion; `meta["read_from"]` says of a third-party file how it was read: "kind", "fps" of the file and more.
@@ -220,7 +220,7 @@ def _read_json(path: pathlib.Path) -> Mapping[str, Any]:
 
 
 def _reader_of(content: Content) -> Callable[[Content, _Options], Motion]:
-    """Choose the reader of a file by its content; the last one takes what is left, and says what it lacks."""
+    """Choose the reader of a file by its content; the last one takes all other files and reports what is missing."""
     if "directions" in content.arrays and "meta" in content.arrays:
         return _read_own
     if content.container in _TREES and (content.container != ".json" or "frames" in content.arrays):
@@ -233,7 +233,7 @@ def _reader_of(content: Content) -> Callable[[Content, _Options], Motion]:
 
 
 def _in_skeleton(motion: Motion, path: pathlib.Path, options: _Options) -> Motion:
-    """Return a motion in the skeleton that is asked for; fingers that it lacks are left out.
+    """Return a motion on the requested skeleton; fingers that this lacks are left out.
 
     Raises:
         UserError: the skeleton has fingers, and the motion has none.
@@ -294,7 +294,7 @@ def _bvh_skeleton(bvh: Bvh, path: pathlib.Path, joint_map: str) -> str:
     try:
         chosen, _ = joint_maps.choose_map(bvh.joints, without, joint_map, path)
     except UserError:
-        return without.name  # the error at reading then says what is missing
+        return without.name  # reading then raises an error that says what is missing
     hands = [with_hands.joints[number] for number in hand_joints(with_hands)]
     fingers = [joint for joint in hands if joint not in without.joints]
     found = joint_maps.find(chosen, bvh.joints, fingers, path)

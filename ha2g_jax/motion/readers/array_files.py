@@ -4,10 +4,10 @@ Positions have any order of joints, more joints than the skeleton's and any righ
 the person's left where the skeleton has it is taken as it is, other motion is rotated as one rigid body. `borders`, the
 first frames of windows that the motion was joined from, may stand beside the positions.
 
-Models of the TED data sets write direction vectors whole or less the mean of the data. Such an array says neither its
-frame rate, which is that of the TED data unless another is given, nor whether the mean was subtracted. Unit lengths
-tell, before or after the mean is added. Outputs of networks have no unit length; there, the vectors must also resemble
-the mean, or not resemble it.
+Models of the TED data sets write direction vectors with or without the mean of the data subtracted. Such an array
+states neither its frame rate, which is that of the TED data unless another is given, nor whether the mean was
+subtracted. The latter shows in whether lengths are 1 before or after the mean is added. Outputs of networks do not have
+unit length; for them, it also matters whether the vectors resemble the mean.
 """
 
 import pathlib
@@ -35,7 +35,7 @@ _LISTED = 12
 FPS = 15.0  # frames per second of the TED data
 
 _EXACT = 0.02  # median difference of the lengths from 1 that rounding explains
-_MAX_ERROR = 0.35  # the same of outputs of networks
+_MAX_ERROR = 0.35  # the same for outputs of networks
 _MAX_VALUE = 1e3
 _ALIKE, _UNLIKE = 0.7, 0.3  # fraction of the mean that direction vectors have, and residuals have not
 

@@ -1,4 +1,4 @@
-"""The body of captured motion, whatever its file: axes, left and right, face and legs."""
+"""The body of captured motion, for any kind of file: axes, left and right, face and legs."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -21,7 +21,7 @@ _UP_VECTORS = {
 }
 # Minimum horizontal fraction of the shoulders' width, in a frame and on average, that determines where a person faces.
 _MIN_LEVEL, _MIN_MEAN_LEVEL = 0.2, 0.1
-_MIN_EVIDENCE = 0.15  # mean of what feet and hands say, each from -1 to 1, from which a verdict is given
+_MIN_EVIDENCE = 0.15  # mean evidence of feet and hands, each from -1 to 1, that suffices for a verdict
 
 FACE = ("nose", "head", "right_eye", "left_eye", "right_ear", "left_ear")
 
@@ -296,7 +296,7 @@ def _constant(
 
     Args:
         exact, exact_rest: (T, 3) vectors that are constant in the axes of the joint, and (3,) the same in the T-pose.
-        about, rest: (T, 3) vectors that are so on average, and (3,) the same in the T-pose.
+        about, rest: (T, 3) vectors that are constant only on average, and (3,) the same in the T-pose.
     """
     first = own.inv().apply(exact).mean(axis=0)
     second = own.inv().apply(about).mean(axis=0)

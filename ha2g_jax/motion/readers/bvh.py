@@ -18,7 +18,7 @@ _CHANNELS = {f"{axis}{kind}": f"{axis.upper()}{kind}" for axis in "xyz" for kind
 # Usual rates, whose frame times exporters round.
 USUAL_RATES = (10, 15, 20, 24, 25, 30, 50, 60, 90, 100, 120, 200, 240, *(rate / 1.001 for rate in (24, 30, 60, 120)))
 _MIN_DIGITS = 3  # decimals that a frame time needs to identify a usual rate
-_MAX_DIGITS = 12  # in a number of frames, and decimals of a frame time that are compared
+_MAX_DIGITS = 12  # digits in a number of frames, and decimals of a frame time that are compared
 _BLOCK = 1 << 20  # letters that are parsed at once
 _MAX_NUMBER = 1 << 16  # letters of a number
 _MAX_SHOWN = 40  # letters of a word in a message
@@ -273,7 +273,7 @@ def _numbers(path: pathlib.Path, words: list[str], found: int, names: Sequence[s
 
 
 def to_number(word: str) -> float | None:
-    """Parse a number; None if the word is none, or not finite, or too large for a motion."""
+    """Parse a number; None if the word is not a number, not finite, or too large for a motion."""
     try:
         value = float(word)
     except ValueError:

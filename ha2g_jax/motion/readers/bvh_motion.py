@@ -215,7 +215,7 @@ def to_motion(
     names, places = choose_map(bvh.joints, skeleton, joint_map, path)
     legs = find_legs(names, bvh.joints, path)
     shown_face = [joint for joint in FACE if joint in skeleton.joints]
-    # In TED-Gesture it is another joint, but in our own files of that skeleton.
+    # In TED-Gesture it is another joint, except in our own files of that skeleton.
     is_other = HEAD in shown_face and rigs.OTHER_NAMES[HEAD] not in bvh.joints
     face = {} if is_other else find(names, bvh.joints, shown_face, path)
     own = [*(joint for joint in places if joint != HEAD), *face]
@@ -244,9 +244,9 @@ def to_motion(
 
 
 def _rests_on_rig(bvh: Bvh, name: str, places: Mapping[str, int], skeleton: Skeleton) -> bool:
-    """Return whether a file rests as those that `ha2g export` writes on a rig do: to the degree, y up and facing +z.
+    """Return whether the rest pose is, within a degree, that of files of `ha2g export` with a rig: y up, facing +z.
 
-    Its axes, sides and head are known then and need not be found by the motion.
+    Its axes, sides and head are then known and need not be estimated from the motion.
     """
     if name not in rigs.RIGS:
         return False

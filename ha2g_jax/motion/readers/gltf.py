@@ -22,7 +22,7 @@ _OWN = "ha2g-jax"  # the generator of our files, which say their frame rate
 _FPS = 30.0  # of an animation whose keys are farther apart than the frames of a motion
 _MIN_FPS, _MAX_FPS = 10.0, 240.0  # at which keys are taken for frames
 _ROUNDED = 0.0021  # seconds by which steps between times in milliseconds differ
-_LATE = 1e-4  # seconds by which rounding makes a time too late
+_LATE = 1e-4  # seconds by which rounding may make a time too late
 _ROOT = "(scene)"  # the joint above all others, as there may be several roots
 _UNEQUAL = 0.01  # relative difference of scales that rounding explains
 _COMPONENTS = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5126: "<f4"}
@@ -173,7 +173,7 @@ class _File:
             fps = float(extras["fps"])
         else:
             span, step = every[-1] - every[0], np.median(steps) if len(steps) else 1 / _FPS
-            # Where all steps are alike there is a key in each frame, and times that are rounded do not count.
+            # If all steps are equal, there is a key in each frame; rounding of times is ignored.
             count = len(steps) if len(steps) and np.ptp(steps) < _ROUNDED else max(round(span / step), 1)
             fps = frame_rate(np.linspace(0, span, 1 + count)) if span else _FPS
             fps = fps if _MIN_FPS <= fps <= _MAX_FPS else _FPS

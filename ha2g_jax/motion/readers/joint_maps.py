@@ -32,7 +32,7 @@ HEAD = "head"
 
 _EXPECTED = "a joint map in JSON or YAML"
 _NUMBER = re.compile(r"_\d+$")
-_MAX_DEPTH = 3  # a map has lists within its lines; one more, so that the message names the joint
+_MAX_DEPTH = 3  # a map has lists in its entries; one level more, so that the message can name the joint
 _MAX_SHOWN, _MAX_LISTED, _MAX_LISTED_LETTERS = 40, 8, 400
 
 
@@ -148,7 +148,7 @@ def _parse_yaml(text: bytes) -> Any:
 
 
 def _check_structure(yaml: Any, text: bytes) -> None:
-    """Refuse aliases, by which a short file may become an endless one, and nesting, before anything is built."""
+    """Refuse aliases, with which a short file may become endless, and deep nesting, before anything is built."""
     depth = 0
     for event in yaml.parse(text, yaml.SafeLoader):
         if isinstance(event, yaml.AliasEvent):
@@ -225,7 +225,7 @@ def _without_numbers(joints: Sequence[str]) -> Sequence[str]:
 
 
 def _affixes(joint_map: JointMap, joints: Sequence[str]) -> list[tuple[str, str]]:
-    """Return what stands before and behind the names of the map in the joints of a file.
+    """Return the prefixes and suffixes of the names of the map in the joints of a file.
 
     These are the most frequent pair and those that are more than half as frequent, as of a second person in the file;
     a pair that one joint alone has is none.

@@ -24,7 +24,7 @@ AUDIO_SUFFIXES = (
 
 _EMBODY_AUDIO = "separated_audio"
 _MAX_DIFFERENCE = 0.5  # seconds between the ends of motion and audio without a warning
-_MAX_ERROR = 0.015  # of the length at another frame rate, as a fraction of the length of the sound
+_MAX_ERROR = 0.015  # error of the length at another frame rate, as a fraction of the length of the sound
 _MOST_CUT = 1.0  # seconds by which the sound of a public collection may be longer than its motion
 _MULTIPLES = range(2, 11)
 _MIN_FRACTION = 0.5  # minimum length of the shorter of motion and audio, as a fraction of the longer one
@@ -173,7 +173,7 @@ def other_rate(motion: float, fps: float | None, sound: float) -> str:
         motion, sound: lengths in seconds, the former at `fps` frames per second, None where its rate is beyond doubt.
 
     Returns:
-        An empty text where there is no whole multiple or part of the rate, and no usual rate, that fits.
+        "" if no usual rate, and no whole multiple or fraction of the rate, fits.
     """
     if fps is None:
         return ""

@@ -1,4 +1,4 @@
-"""Arrays of a file of SMPL-X motion, in any of the published layouts, checked and brought to one form.
+"""Arrays of a file of SMPL-X motion, in any of the published layouts, checked and converted to one form.
 
 | layout | arrays |
 |---|---|
@@ -157,7 +157,7 @@ def has_poses(arrays: Mapping[str, object]) -> bool:
 def to_arrays(
     arrays: Mapping[str, np.ndarray], source_fps: float | None = None, unit: float | None = None
 ) -> SmplxArrays:
-    """Check the arrays of a file, see `NAMES`, and bring them to one form.
+    """Check the arrays of a file, see `NAMES`, and convert them to one form.
 
     Frames that are marked as bad hold the nearest good one, so that neither the axes nor the checks depend on them. The
     frame rate is `source_fps`, or by default the one of the file; `unit` is metres in one unit of places, 1 by default.
@@ -269,7 +269,7 @@ def _trans(arrays: Mapping[str, np.ndarray], count: int, poses: str) -> np.ndarr
 
 
 def _held(arrays: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
-    """Return the arrays with the nearest good frame in place of each bad one, as they are where no frame is good."""
+    """Replace each bad frame of the arrays by the nearest good one; if no frame is good, return them unchanged."""
     marks = arrays.get(IS_GOOD)
     if marks is None or marks.dtype.kind not in "biuf" or not (good := np.flatnonzero(marks > 0)).size:
         return arrays

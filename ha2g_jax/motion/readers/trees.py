@@ -1,4 +1,4 @@
-"""Trees of joints whose rest poses have axes, as those of tables and glTF, as trees of BVH, whose joints have none."""
+"""Conversion of trees whose joints have rest axes, as in tables and glTF, to trees of BVH, whose joints have none."""
 
 import codecs
 import contextlib
@@ -26,8 +26,8 @@ CSV = b"frame,time,"
 _SEPARATORS = (b",", b";", b"\t")  # the others are those of spreadsheets
 _EXPECTED = "a table of ha2g export"
 _TURNS = ("Zrotation", "Xrotation", "Yrotation")
-_MAX_PLACE = 1e6  # from the origin, in any unit
-_MAX_ERROR = 0.35  # of the length of a quaternion
+_MAX_PLACE = 1e6  # largest distance from the origin, in any unit
+_MAX_ERROR = 0.35  # largest error of the length of a quaternion
 _ALIKE = 1e-4  # relative difference from a usual rate that rounded times explain
 _MAX_UNEVEN = 0.5  # of the usual step of time
 

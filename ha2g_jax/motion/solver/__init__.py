@@ -46,8 +46,8 @@ def animate(motion: Motion, *, limits: bool = True) -> armatures.Animation:
 class Solver:
     """The conversion of `animate` for frames that arrive one after the other; a frame does not depend on later ones.
 
-    A frame is as it is as the last frame of a motion that ends with it. `animate` also uses the frames after it, where
-    a twist is not seen clearly.
+    A frame is converted like the last frame of a motion that ends with it. `animate` also uses later frames where a
+    twist is not clearly visible.
     """
 
     def __init__(self, skeleton: Skeleton, fps: float) -> None:

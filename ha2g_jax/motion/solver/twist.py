@@ -1,8 +1,8 @@
 """Estimation of the twist of a bone, its rotation about its own length, from weighted observations over time.
 
-What a frame owes to other frames is in two functions, `transport` and `smooth_angle`. `Twists` applies them to all
-frames of a motion. `FrameByFrame` applies them to frames as they arrive: each frame is then as it is as the last frame
-of a motion that ends with it, and does not change any more.
+Only two functions make a frame depend on other frames, `transport` and `smooth_angle`. `Twists` applies them to all
+frames of a motion. `FrameByFrame` applies them to frames as they arrive: each frame is then like the last frame of a
+motion that ends with it, and does not change any more.
 """
 
 from typing import NamedTuple
@@ -18,7 +18,7 @@ _NOTHING = 1e-12  # weight of a frame without an observation
 
 
 class Twists:
-    """Estimates of what depends on other frames, which are all known, under the name of the joint of each bone."""
+    """Estimates that depend on other frames, which are all known, under the name of the joint of each bone."""
 
     def __init__(self, fps: float) -> None:
         self.fps = fps
