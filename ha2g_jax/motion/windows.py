@@ -10,7 +10,7 @@ DEFAULT_LOOK_AHEAD = 8
 """Default number of frames of speech that a stream hears beyond each frame; with fewer there are few beats."""
 
 DEFAULT_HOP = 2
-"""Default number of frames that a stream generates in one run: half the computation of 1, and motion that fits better."""
+"""Default number of frames that a stream generates in one run: half the computation of 1, and better motion."""
 
 _EASE_FRAMES = 10
 _MOST_FADE = 6  # frames; chosen, like the share of the look-ahead, on the validation split of Talk

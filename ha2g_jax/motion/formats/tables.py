@@ -95,8 +95,8 @@ def write_smplx(
     Fields: `poses` (T, 165) float32, axis-angle vectors in radians of the 55 joints, each relative to its parent, with
     zero for the flat hand (flat_hand_mean=True); hips and legs are zero unless the motion has them, jaw and eyes are
     zero except for the jaw of `face`. `trans` (T, 3) float32 metres, zero unless the root moves, y up, facing +z.
-    `betas` (16,) zero, the mean shape. `mocap_frame_rate` frames per second, `gender` "neutral", `surface_model_type` "smplx",
-    `joint_names` (55,). `expressions` (T, n) and `arkit` (T, 52) of `face`, where it has them.
+    `betas` (16,) zero, the mean shape. `mocap_frame_rate` frames per second, `gender` "neutral", `surface_model_type`
+    "smplx", `joint_names` (55,). `expressions` (T, n) and `arkit` (T, 52) of `face`, if it has them.
     """
     with whole_file(path) as temporary, temporary.open("wb") as file:
         np.savez(

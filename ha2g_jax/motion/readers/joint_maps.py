@@ -1,10 +1,10 @@
 """Maps from joints of the skeleton to joints of a motion capture file: built-in ones, and files in JSON or YAML.
 
 A map has an entry `JOINT: NAME` for each joint of the skeleton except those of the face, and one for `head`, the joint
-that the head rotates about. NAME may be a list; the first name that the file has is used. Letter case and what stands
-before or behind the names of most joints, such as `mixamorig:` or `_jnt`, are ignored. Three entries are optional:
-`unit`, metres in one unit of the file, `up`, the axis of the file that points up, and `comment`. A map without fingers
-is sufficient for TED-Gesture. The rigs of `ha2g export` are maps as well.
+that the head rotates about. NAME may be a list; the first name that the file has is used. Letter case, and prefixes and
+suffixes of most names, such as `mixamorig:` or `_jnt`, are ignored. Three entries are optional: `unit`, metres in one
+unit of the file, `up`, the axis of the file that points up, and `comment`. A map without fingers is sufficient for
+TED-Gesture. The rigs of `ha2g export` are maps as well.
 """
 
 import collections
