@@ -1,4 +1,4 @@
-"""Store a model on disk: training state, checkpoints of a run, and the folder that a model is shipped in."""
+"""Store a model on disk: training state, checkpoints of a run, and the folder in which a model is shipped."""
 
 CONFIG, ASSETS, WEIGHTS = (
     "config.json",

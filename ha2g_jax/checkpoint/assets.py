@@ -1,4 +1,4 @@
-"""Assets of a trained model beside its weights: skeleton, vocabulary, styles of its speakers, seed poses."""
+"""Assets of a trained model other than its weights: skeleton, vocabulary, styles of its speakers, seed poses."""
 
 import dataclasses
 import reprlib
@@ -91,7 +91,7 @@ def check_fit(assets: Assets, num_seed_frames: int, style_dim: int) -> None:
     """Check that start poses and styles have the sizes of the networks.
 
     Raises:
-        ValueError: a size is another one.
+        ValueError: a size differs.
     """
     if assets.seed_poses.shape[1] != num_seed_frames:
         raise ValueError(f"start poses of {assets.seed_poses.shape[1]} frames instead of {num_seed_frames}")

@@ -2,8 +2,8 @@
 
 They are written in the background while training continues. Orbax fills a folder with a temporary name and renames it
 when it is complete, so that a run that is killed meanwhile leaves nothing that counts as a checkpoint. The last file
-written, SHA256SUMS, has the sums of all files in subfolders, but not of Orbax's notes in the folder itself, so that
-damage by a disk, a copy or a network is found before a checkpoint is used (`sha256sum -c SHA256SUMS` finds it too).
+written, SHA256SUMS, has the checksums of all files in subfolders, but not of Orbax's notes in the folder itself, so
+that damage by a disk, a copy or a network is found before a checkpoint is used. `sha256sum -c SHA256SUMS` finds it too.
 """
 
 import contextlib
@@ -32,7 +32,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import file_sha256, read_json, shown
 from ha2g_jax.limits import MAX_RECORD_BYTES
 
-_NONE, _ALL_DAMAGED = -1, -2  # sent by the first process to the others in place of a step
+_NONE, _ALL_DAMAGED = -1, -2  # sent by the first process to the others instead of a step
 _REMOVALS = 10  # attempts to remove temporary folders
 
 
@@ -110,7 +110,7 @@ class Checkpoints:
             self._manager = None
 
     def restore_model(self, step: int, shapes: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Read the variables of the generator to evaluate or ship, and the record, but not the rest of the state.
+        """Read the variables of the generator to evaluate or ship, and the record, but no other state.
 
         The variables are numpy arrays, those of the running average if there is one; `shapes` is {"params",
         "batch_stats"} of the generator as a tree of `jax.ShapeDtypeStruct`.
@@ -281,7 +281,7 @@ def _damage(folder: pathlib.Path) -> str:
 
 
 def _checksums(folder: pathlib.Path) -> str:
-    """Return the sums of the files in subfolders, as `sha256sum` lists them."""
+    """Return the checksums of the files in subfolders, as `sha256sum` lists them."""
     files = sorted(
         (path.relative_to(folder).as_posix(), path)
         for path in folder.rglob("*")
@@ -291,7 +291,7 @@ def _checksums(folder: pathlib.Path) -> str:
 
 
 def _reason(error: Exception) -> str:
-    """Return the cause of an error in a few words, which TensorStore reports among paths and line numbers."""
+    """Return the cause of an error in a few words, without the paths and line numbers that TensorStore reports."""
     if match := re.search(r"os_error_code='(\d+)'", str(error)):
         return os.strerror(int(match[1]))
     text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
@@ -300,7 +300,7 @@ def _reason(error: Exception) -> str:
 
 @functools.cache
 def _hide_echoes() -> None:
-    """Keep Orbax from printing the exceptions that it raises, and its warnings that it is being waited for."""
+    """Keep Orbax from printing the exceptions that it raises, and warnings while a process waits for it."""
 
     def is_news(record: logging.LogRecord) -> bool:
         is_echo = record.exc_info or record.levelno <= logging.WARNING

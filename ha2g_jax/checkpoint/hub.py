@@ -22,7 +22,7 @@ from ha2g_jax.files.reading import reason, shown
 from ha2g_jax.limits import MAX_ASSETS_BYTES, MAX_CONFIG_BYTES, MAX_WEIGHTS_BYTES
 
 PREFIX = "hf://"
-# The files of a model folder, and the most bytes of each.
+# The files of a model folder, and the maximum size of each in bytes.
 FILES = {CONFIG: MAX_CONFIG_BYTES, ASSETS: MAX_ASSETS_BYTES, WEIGHTS: MAX_WEIGHTS_BYTES}
 
 _PART = r"[A-Za-z0-9][A-Za-z0-9._-]{0,95}"
@@ -31,12 +31,12 @@ _COMMIT = re.compile(r"[0-9a-f]{40}")
 
 
 def is_hub_name(name: Any) -> bool:
-    """Return whether a name of a model is one of the Hub, hf://OWNER/NAME."""
+    """Return whether the name of a model refers to the Hub, hf://OWNER/NAME."""
     return isinstance(name, str) and name.startswith(PREFIX)
 
 
 def parse_name(name: str) -> tuple[str, str | None]:
-    """Return OWNER/NAME and the revision, None for the main branch, of a name with or without hf:// before it.
+    """Return OWNER/NAME and the revision, None for the main branch, of a name with or without the prefix hf://.
 
     Raises:
         UserError: the name has another form.
@@ -51,9 +51,9 @@ def parse_name(name: str) -> tuple[str, str | None]:
 
 
 def fetch(name: str) -> pathlib.Path:
-    """Return the model folder of a model on the Hub in the local cache, which is fetched if it is not there.
+    """Return the local folder of a model on the Hub, after fetching it to the cache if it is not there.
 
-    Where the revision is not a commit, a line on stderr says which commit it stands for, so that it can be pinned.
+    If the revision is not a commit, a line on stderr names the commit, so that it can be pinned.
 
     Returns:
         A folder with the files of a model folder. What they contain has not been checked.
@@ -80,7 +80,7 @@ def fetch(name: str) -> pathlib.Path:
 
 
 def publish(folder: pathlib.Path, card: str, name: str, *, is_private: bool, message: str) -> str:
-    """Publish a model folder, with the text of its card, as one commit; the repository is made if there is none.
+    """Publish a model folder, with the text of its card, as one commit; create the repository if it does not exist.
 
     The name is OWNER/NAME or OWNER/NAME@BRANCH; that of the published model, with its commit, is returned.
 

@@ -60,7 +60,7 @@ def load(spec: str | pathlib.Path) -> LoadedModel:
 
 
 def load_path(path: str | os.PathLike, expected: str) -> LoadedModel:
-    """Load a model folder, a workdir, or a checkpoint in a workdir; a message says that `expected` may be named.
+    """Load a model folder, a workdir, or a checkpoint in a workdir; error messages say that `expected` may be given.
 
     Raises:
         UserError: there is no model, or it is damaged.
@@ -129,7 +129,7 @@ def save(
 
 
 def read(folder: pathlib.Path) -> LoadedModel:
-    """Read a model folder; only when all sizes are known to fit, tensors are read.
+    """Read a model folder; tensors are read only after all sizes have been found to fit.
 
     Raises:
         UserError: a file is missing or damaged, or the files do not fit together.
@@ -157,7 +157,7 @@ def write_description(folder: pathlib.Path, config: Config, assets: Assets) -> N
     """Write the config and the assets of a model as config.json and assets.json.
 
     Raises:
-        UserError: a file cannot be written; what was there before stays.
+        UserError: a file cannot be written; existing files then stay as they are.
     """
     for name, values in ((CONFIG, config_to_json(config)), (ASSETS, assets_module.to_json(assets))):
         write_text(folder / name, json.dumps(values, indent=1 if name == CONFIG else None) + "\n")
@@ -213,7 +213,7 @@ def shapes_of(folder: pathlib.Path, spec: Spec) -> Any:
 
 @contextlib.contextmanager
 def blaming(path: pathlib.Path) -> Iterator[None]:
-    """Turn an error during the reading of a file into a `UserError` that names the file."""
+    """Turn an error while a file is read into a `UserError` that names the file."""
     try:
         yield
     except (ValueError, KeyError, TypeError, AttributeError, ArithmeticError, OSError, FlaxError) as error:

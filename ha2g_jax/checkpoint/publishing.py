@@ -1,4 +1,4 @@
-"""Make models to give away: a run as a model folder, the average of several models, or a model on the Hub with a card.
+"""Make models to share: a run as a model folder, the average of several models, or a model on the Hub with a card.
 
 Averages of models that were trained from the same weights: Wortsman et al., Model soups, 2022.
 """
@@ -19,7 +19,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import file_sha256, read_bytes, shown
 from ha2g_jax.limits import MAX_CARD_BYTES
 
-_MAX_DIFFERENCE = 0.1  # of the mean direction of a bone, which the poses of averaged models are relative to
+_MAX_DIFFERENCE = 0.1  # between mean directions of a bone, to which the poses of averaged models are relative
 _LICENCE = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+-]{0,63}")
 
 
@@ -44,9 +44,9 @@ def publish(
     """Publish a model as one commit on the Hub, and return the name to load it by, hf://OWNER/NAME@COMMIT.
 
     Args:
-        name: OWNER/NAME, or OWNER/NAME@BRANCH for another branch than main, which the repository has.
+        name: OWNER/NAME, or OWNER/NAME@BRANCH for an existing branch other than main.
         licence: licence of the model, as the Hub names it, such as apache-2.0.
-        scores: Markdown file of `ha2g evaluate --markdown`, which the card has.
+        scores: Markdown file of `ha2g evaluate --markdown` to include in the card.
 
     Raises:
         UserError: there is no model, the scores cannot be read, the licence has another form, or see `hub.publish`.
@@ -110,9 +110,9 @@ def _text(path: pathlib.Path) -> str:
 def average_models(models: Sequence[str | pathlib.Path], out: str | pathlib.Path) -> pathlib.Path:
     """Write the average of two or more models, see `model_folder.load`, as a model folder atomically.
 
-    The mean, in float32, is that of the weights, of the statistics of the normalisation layers and of the styles of the
-    speakers. The vector of a word is the mean of those that the models have for it, where a model that lacks it counts
-    with its vector of unknown words. A model that is given twice counts twice.
+    The weights, the statistics of the normalisation layers and the styles of the speakers are averaged in float32. The
+    vector of a word is the mean over the models, where a model that lacks the word counts with its vector of unknown
+    words. A model that is given twice counts twice.
 
     Raises:
         UserError: a model cannot be loaded, the models do not fit together, or the folder cannot be written.
@@ -167,6 +167,6 @@ def _difference(first: LoadedModel, second: LoadedModel) -> str:
 
 
 def _settings(model: LoadedModel) -> dict[str, object]:
-    """Return the settings of the networks by dotted name, without those of how they begin and are computed."""
+    """Return the settings of the networks by dotted name, without those of initialisation and computation."""
     settings = traverse_util.flatten_dict(model.config.model.to_dict(), sep=".")
     return {name: value for name, value in settings.items() if name not in ("recompute", "text.vectors")}

@@ -22,8 +22,8 @@ class Network(flax.struct.PyTreeNode):
 class TrainState(flax.struct.PyTreeNode):
     """Networks after `step` steps: those of Eq. 6, or a generator alone.
 
-    `is_finite` tells whether the losses and gradient norms of all steps were finite. Once one was not, no step changes
-    the state any more, which stays as it was before that step.
+    `is_finite` tells whether the losses and gradient norms of all steps were finite. Once one was not, the state stays
+    as it was before that step.
     """
 
     step: jax.Array  # () int32

@@ -26,7 +26,7 @@ _MAX_HALF = 65504  # greatest number of float16
 def write(path: pathlib.Path, variables: dict[str, Any], *, is_exact: bool = False) -> str:
     """Write variables as a file and return its hash: float32, or float16 if float32 would take more than 20 MB.
 
-    Float32 arrays are written from where they are, without a copy in memory. With `is_exact` all are float32.
+    Float32 arrays are written without a copy in memory. With `is_exact` all are float32.
 
     Raises:
         UserError: there are more weights than a model folder may have.
@@ -40,7 +40,7 @@ def write(path: pathlib.Path, variables: dict[str, Any], *, is_exact: bool = Fal
         )
     try:
         safetensors.numpy.save_file(arrays, path)
-    except safetensors.SafetensorError as error:  # in place of an OSError, such as that of a full disk
+    except safetensors.SafetensorError as error:  # instead of an OSError, such as that of a full disk
         raise OSError(str(error)) from error
     return hash_of_file(path)
 
@@ -51,12 +51,12 @@ def hash_of(variables: dict[str, Any]) -> str:
 
 
 def _stored(variables: dict[str, Any], *, is_exact: bool = False) -> dict[str, np.ndarray]:
-    """Return variables by name in the type in which a file has them."""
+    """Return variables by name in the type in which a file stores them."""
     flat = flatten(jax.tree.map(np.asarray, variables))
     is_small = sum(4 * array.size for array in flat.values()) <= _HALF_PRECISION_ABOVE
     if is_exact or is_small:
         return {name: np.ascontiguousarray(array, np.float32) for name, array in flat.items()}
-    # Some arrays, such as variances, may have values beyond those of float16.
+    # Some arrays, such as variances, may have values beyond the range of float16.
     return {
         name: np.ascontiguousarray(array, np.float16 if np.abs(array).max(initial=0) <= _MAX_HALF else np.float32)
         for name, array in flat.items()
@@ -112,7 +112,7 @@ def compare(found: Shapes, expected: Shapes) -> str:
 
 
 def is_word_table(name: str) -> bool:
-    """Return whether a variable is a table of words; each level of a released model has one of its own."""
+    """Return whether a variable is a table of words; each level of a released model has its own."""
     return name.endswith(f"/text{TABLE}")
 
 

@@ -1,4 +1,4 @@
-"""Bounds of an untrusted ONNX file, known before it is unpacked and before it runs."""
+"""Bounds on an untrusted ONNX file, which are checked before it is unpacked and before it runs."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -18,14 +18,14 @@ _LARGE: Mapping[int, Any] = {7: {5: {9: None}}, 14: {2: None}}
 _VARINT, _BYTES, _FIXED = 0, 2, {1: 8, 5: 4}  # kinds of fields of protobuf, and bytes of those of fixed size
 _FLOAT, _INT64 = 1, 7
 _ITEM_BYTES = {_FLOAT: 4, 3: 1, _INT64: 8, 10: 2}  # of a weight by its type; 3 and 10 are int8 and float16
-_PRODUCTS_OF_A_VALUE = 16  # in the time in which a value is read
-_PRODUCTS_OF_A_STEP = 4096  # in the time in which a product of matrices begins
-_COPIES = 4  # of the weights, at most, while a file is read
-_MAX_INTEGER = 1 << 30  # of a constant: a place, a size, or "to the end"
+_PRODUCTS_OF_A_VALUE = 16  # multiplications that take as long as reading a value
+_PRODUCTS_OF_A_STEP = 4096  # multiplications that take as long as starting a matrix product
+_COPIES = 4  # maximum number of copies of the weights while a file is read
+_MAX_INTEGER = 1 << 30  # largest constant: a position, a size, or "to the end"
 
 
 def check_bytes(content: bytes) -> None:
-    """Check the bytes beside weights and metadata, which take up to a hundred times as much memory as messages.
+    """Check the bytes other than weights and metadata, which as messages take up to a hundred times as much memory.
 
     Raises:
         ValueError: there are too many, or the content is no message of protobuf.
@@ -35,7 +35,7 @@ def check_bytes(content: bytes) -> None:
 
 
 def _small_bytes(message: memoryview, large: Mapping[int, Any]) -> int:
-    """Return the bytes of a message beside its large fields, counted until they are too many."""
+    """Return the bytes of a message other than its large fields, counted until they are too many."""
     place = found = 0
     while place < len(message) and found <= MAX_ONNX_GRAPH_BYTES:
         start = place
@@ -53,7 +53,7 @@ def _small_bytes(message: memoryview, large: Mapping[int, Any]) -> int:
 
 
 def _number(message: memoryview, place: int) -> tuple[int, int]:
-    """Return a number of variable length and the place after it."""
+    """Return a number of variable length and the position after it."""
     number = 0
     for shift, byte in enumerate(message[place : place + 10]):
         number |= (byte & 127) << (7 * shift)
@@ -65,7 +65,7 @@ def _number(message: memoryview, place: int) -> tuple[int, int]:
 def check_cost(model: "onnx.ModelProto") -> None:
     """Check the memory and the multiplications of one window.
 
-    Sizes are inferred without the weights. One that depends on what a node computes is not known, and is refused.
+    Sizes are inferred without the weights. A size that depends on computed values is unknown, and is refused.
 
     Raises:
         ValueError, IndexError, onnx.shape_inference.InferenceError: there are too many, or sizes are unknown or wrong.
@@ -123,7 +123,7 @@ def _shape(value: "onnx.ValueInfoProto") -> Shape:
 
 
 def _products(operator: str, inputs: Sequence[Shape], outputs: int) -> int:
-    """Return the multiplications of a node, or those of the time in which values are moved and its steps begin."""
+    """Return the multiplications of a node, or an equivalent number for moving its values and starting its steps."""
     moved = _PRODUCTS_OF_A_VALUE * (outputs + sum(map(math.prod, inputs)))
     if operator == "MatMul":
         steps = math.prod(np.broadcast_shapes(*(shape[:-2] for shape in inputs)))

@@ -54,7 +54,7 @@ def build(loaded: LoadedModel, *, weights: str = "float32", license: str = "") -
     """Return a model as one graph of ONNX.
 
     Its inputs are "mel" (B, 128, columns) in dB, "style" (B, style_dim), "seed_pose" (B, M, bones, 3), unit vectors,
-    and of a model that samples "noise" (B, N, noise_dim); its output is "poses" (B, N, bones, 3), unit vectors, those
+    and, for a model with noise, "noise" (B, N, noise_dim). Its output is "poses" (B, N, bones, 3), unit vectors, those
     of `synthesis.scan.generate_window`.
 
     Raises:

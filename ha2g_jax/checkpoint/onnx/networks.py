@@ -1,9 +1,9 @@
-"""The networks of HA2G as a graph of ONNX that grows node by node: audio encoder, style coordinator, pose inferer.
+"""The networks of HA2G as a graph of ONNX, built node by node: audio encoder, style coordinator, pose inferer.
 
 The audio encoder is `layers.resnet_se`, channels first. A batch normalisation after a convolution becomes part of it.
 One before a convolution with padding cannot: beyond the border there are zeros, not normalised values. One before the
-linear map of a head stays apart: the factor of a channel that is nearly constant is in the hundreds, and int8 weights
-that contained it would leave no precision to the others.
+linear map of a head stays separate: the factor of a nearly constant channel is in the hundreds, and with int8 weights
+that contain it the other channels would lose their precision.
 
 The stages of the inferer (`methods.ha2g.model`) work on (N, B, channels), the order of the operator GRU of ONNX.
 """
@@ -27,8 +27,8 @@ OPSET, IR_VERSION = 15, 8  # old enough for the runtimes of engines, new enough 
 Tree = dict[str, Any]
 
 WEIGHTS = ("float32", "float16", "int8")
-_EXCLUDED = -1e9  # score of an audio level that does not count, whose weight is then 0
-_SMALL = 1024  # weights that are fewer stay float32: they take no space, and biases need the precision
+_EXCLUDED = -1e9  # score of an excluded audio level, whose weight is then 0
+_SMALL = 1024  # arrays with fewer weights stay float32: they take little space, and biases need the precision
 
 
 class Graph:
@@ -87,7 +87,7 @@ class Graph:
         inner: dict[str, Sequence[Any]],
         metadata: dict[str, str],
     ) -> onnx.ModelProto:
-        """Return the whole model with the shapes of its inputs and outputs by name; a text is a size that is not fixed.
+        """Return the whole model with the shapes of its inputs and outputs by name; a string is a variable size.
 
         `inner` has the shapes of values between the two at which a reader may divide the graph.
         """
@@ -241,7 +241,7 @@ def add_inferer(
     mean, free = graph.constant(skeleton.mean_directions, "mean_directions"), None
     seed = graph.add("Reshape", graph.add("Sub", seed_pose, mean), graph.constant([0, 0, skeleton.pose_dim]))
     seed = graph.add("Transpose", seed, perm=[1, 0, 2])
-    # After the last channel there is the bit that marks the frames of the seed pose.
+    # After the last channel follows the bit that marks the frames of the seed pose.
     seed = graph.add("Pad", seed, graph.constant([0, 0, 0, 0, 0, 1]), graph.constant(1.0))
     blended = _add_coordinator(graph, model, params["coordinator"], features, style)
     noises = [graph.add("Transpose", noise, perm=[1, 0, 2])] if model.noise_dim else []
@@ -251,7 +251,7 @@ def add_inferer(
         below = model.level_channels[max(level - 1, 0)]
         previous = graph.add("Gather", seed, graph.constant([*channels, skeleton.pose_dim]), axis=2)
         if level:
-            # Channels that the level below does not have, and the bit, are the zero that is padded.
+            # Channels that the level below does not have, and the bit, are padded with zeros.
             zero = len(below)
             free = graph.add("Slice", poses, *(graph.constant([it]) for it in (model.num_seed_frames, 1 << 30, 0)))
             free = graph.add("Pad", free, graph.constant([0, 0, 0, 0, 0, 1]))
@@ -325,7 +325,7 @@ def _gru_weights(params: Tree, layer: int, channels: int | None) -> tuple[np.nda
 
 
 def _update_first(stacked: np.ndarray) -> np.ndarray:
-    """Return the gates r, z, n, one below the other, in the order z, r, n."""
+    """Return the stacked gates r, z, n in the order z, r, n."""
     reset, update, new = np.split(stacked, 3)
     return np.concatenate([update, reset, new])
 

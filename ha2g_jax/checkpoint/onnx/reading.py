@@ -1,4 +1,4 @@
-"""ONNX files: what they say of their model beside the graph, and reading of untrusted ones.
+"""ONNX files: the description of the model in their metadata, and reading of untrusted files.
 
 Only graphs of the kind that `export` writes reach a runtime. Nothing here imports JAX.
 """
@@ -28,7 +28,7 @@ FEATURES = ("f_low", "f_mid", "f_high")
 BY = "an ONNX file"  # what needs the packages of the extra onnx
 
 _EXPECTED = "an ONNX file of ha2g model onnx"
-# None has a graph of its own, so that a graph ends, and none reads a file.
+# None of them contains a graph, so that there are no loops, and none reads a file.
 _OPERATORS = (
     *("Add", "BatchNormalization", "Cast", "Concat", "Conv", "DepthToSpace", "DequantizeLinear", "Div", "Flatten"),
     *("GRU", "Gather", "GlobalAveragePool", "MatMul", "Max", "Mul", "Pad", "ReduceSum", "Relu", "Reshape", "Sigmoid"),
@@ -61,7 +61,7 @@ class Description(NamedTuple):
 
     @property
     def window_stride(self) -> int:
-        """Frames from one window of a recording to the next."""
+        """Number of frames from the start of one window of a recording to the start of the next."""
         return window_stride(self.num_frames, self.num_seed_frames)
 
 
@@ -136,7 +136,7 @@ def from_metadata(metadata: Mapping[str, str]) -> Description:
 
 
 class Parts(NamedTuple):
-    """A graph in two, so that the speech of a window can be encoded while the window before is sampled."""
+    """A graph in two parts, so that the speech of a window can be encoded while the previous window is sampled."""
 
     encoder: bytes  # ONNX from "mel" to f_low, f_mid and f_high
     sampler: bytes  # ONNX from f_low, f_mid, f_high, "style", "seed_pose" and "noise", if there is any, to "poses"
@@ -187,7 +187,7 @@ def parse(content: bytes) -> "tuple[Description, onnx.ModelProto]":
 
 
 def _check_graph(model: "onnx.ModelProto") -> None:
-    """Check that a graph stands alone: no code, no other files, no graph in a graph."""
+    """Check that a graph is self-contained: no code, no other files, no graph in a graph."""
     graph = model.graph
     if model.functions or any(it.domain not in _DOMAINS for it in model.opset_import):
         raise ValueError("functions, or operators that are not of ONNX")

@@ -1,1 +1,1 @@
-"""Import the weights that the authors of HA2G and Trimodal released: `table` has their names, `importing` the entry."""
+"""Import of the weights that the authors of HA2G and Trimodal released, by `importing`; `table` has their names."""

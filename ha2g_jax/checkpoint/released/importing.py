@@ -29,8 +29,8 @@ from ha2g_jax.skeleton import Skeleton, load_skeleton, normalize
 _DATA = {27: "ted_gesture", 126: "ted_expressive"}  # by the width of a pose
 _OBJECTS = ("args", "lang_model", "speaker_model")  # the parts that may hold objects
 _KNOWN = ("epoch", "pose_dim", "latent_dim", *_OBJECTS)
-# Entries without a place: counters of batches, the linear map of a variance that is never used, and second names of the
-# convolutions of a text encoder.
+# Entries that are not imported: counters of batches, the linear map of a variance that is never used, and second names
+# of the convolutions of a text encoder.
 _COUNTERS = re.compile(r"(.*\.)?num_batches_tracked")
 _UNUSED = re.compile(r"pose_encoder\.fc_logvar\.(weight|bias)")
 _SECOND_NAME = re.compile(r"(.*tcn\.network\.\d+\.)net\.([04])(\..*)")
@@ -44,7 +44,7 @@ class DoesNotFitError(ValueError):
 
 
 class Released(NamedTuple):
-    """What a released file holds, as a model."""
+    """The content of a released file, as a model."""
 
     config: Config
     spec: Spec
@@ -58,11 +58,11 @@ class Released(NamedTuple):
 def import_weights(path: str | os.PathLike, out: str | os.PathLike) -> tuple[pathlib.Path, list[str]]:
     """Write a file of `torch.save` as a model folder, whose weights are float32.
 
-    Returns the folder, and sentences on what was left out, or is not as usual.
+    Returns the folder, and sentences on what was left out or is unusual.
 
     Raises:
-        UserError: the file cannot be read, is none that was released, or does not fit the table; or the folder exists
-            or cannot be written.
+        UserError: the file cannot be read, is not a released file, or does not fit the table; or the folder exists or
+            cannot be written.
     """
     try:
         found = read_released(read_torch(path))
@@ -77,10 +77,10 @@ def import_weights(path: str | os.PathLike, out: str | os.PathLike) -> tuple[pat
 def read_released(content: Any, size: str = "") -> Released:
     """Convert the value of a released file, as `read_torch` returns it.
 
-    The size of the networks is a key of `config.SIZES`; that of the paper for released files.
+    `size` is that of the networks, a key of `config.SIZES`; released files have the size of the paper.
 
     Raises:
-        DoesNotFitError: the value is none of a released file.
+        DoesNotFitError: the value is not that of a released file.
     """
     if not isinstance(content, dict):
         kind = content.name if isinstance(content, Inert) else type(content).__name__
@@ -160,7 +160,7 @@ def _without_absent_discriminator(rows: list[Row], parts: Mapping[str, Any]) -> 
 def _names(
     content: Mapping[Any, Any], parts: Mapping[str, Mapping[str, Any]], rows: list[Row], notes: list[str]
 ) -> tuple[Vocabulary, list[str]]:
-    """Return the words and the speakers of the tables; made-up names, and a note, where the file does not have them."""
+    """Return the words and the speakers of the tables; if the file does not have them, invented names and a note."""
     found = []
     for key, conversion, first in (("lang_model", WORDS, FIRST_WORD), ("speaker_model", SPEAKERS, FIRST_SPEAKER)):
         tables = [parts[row.part][row.name].shape for row in rows if row.conversion is conversion]
@@ -278,7 +278,7 @@ def _shown(part: str, name: Any) -> str:
 
 
 def _names_of(vocabulary: Any, first: int, count: int) -> list[str] | None:
-    """Return names by index from an object with a mapping of indices to names, or the other way round; None without."""
+    """Return names by index from an object with a mapping of indices to names, or vice versa; None without one."""
     wanted = range(first, first + count)
     for mapping in _attributes(vocabulary).values():
         if not isinstance(mapping, dict):
@@ -293,7 +293,7 @@ def _names_of(vocabulary: Any, first: int, count: int) -> list[str] | None:
 def _lower_case(words: list[str]) -> tuple[str, ...]:
     """Return words in lower case, as a `Vocabulary` looks for them.
 
-    Of two words that differ in case alone one stays as it is, which is never found but keeps its row.
+    Of two words that differ only in case, one stays as it is; it is never found but keeps its row.
     """
     taken = set(words)
     made = []
@@ -305,7 +305,7 @@ def _lower_case(words: list[str]) -> tuple[str, ...]:
 
 
 def _mean_directions(settings: Any, num_bones: int) -> np.ndarray | None:
-    """Return the mean direction vectors (bones, 3): a list of 3 bones numbers, or lists of one, in the settings."""
+    """Return the mean direction vectors (bones, 3) of the settings, a list of 3 * bones numbers, or of lists of one."""
     for values in _attributes(settings).values():
         if not isinstance(values, list) or len(values) != 3 * num_bones:
             continue

@@ -1,8 +1,8 @@
-"""The entries of released files, and what they are in our modules: docs/released_weights.md has the same table.
+"""The entries of released files and their counterparts in our modules; docs/released_weights.md has the same table.
 
-The names are those of the files, a format that an importer needs; everything else is written from a description of the
-networks and not from their program. A row names one tensor of a file. Rows are made for the numbers of blocks, layers
-and levels of a config, so that small networks can be tested.
+The names are those of the files, which an importer needs; everything else was written from a description of the
+networks and not from their code. A row names one tensor of a file. Rows are made for the numbers of blocks, layers and
+levels of a config, so that small networks can be tested.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -12,7 +12,7 @@ import numpy as np
 
 from ha2g_jax.config.settings import Config
 
-# Module of the discriminator's variables, which are compared and not kept.
+# Module of the discriminator's variables, which are checked but not kept.
 DISCRIMINATOR = "discriminator"
 # Input channels of the convolutions of the raw-waveform encoder, whose entries the description does not name.
 _WAVEFORM_CHANNELS = (1, 16, 32, 64)
