@@ -1,4 +1,4 @@
-"""The cache folder: things that are made once, such as the Talk corpus, and the programs that JAX has compiled."""
+"""The cache folder, for things that are made once, such as the Talk corpus, and for programs that JAX has compiled."""
 
 import contextlib
 import os
@@ -34,7 +34,7 @@ def cache_folder() -> pathlib.Path:
 
 @contextlib.contextmanager
 def one_maker(path: pathlib.Path) -> Iterator[None]:
-    """Let one process at a time make a file or folder in the cache folder; another one waits and says so.
+    """Let one process at a time make a file or folder in the cache folder; others wait and say so.
 
     The lock, which ends with its process, is beside it.
 
@@ -62,7 +62,7 @@ def one_maker(path: pathlib.Path) -> Iterator[None]:
 def keep_programs() -> None:
     """Let JAX keep compiled programs in the cache folder of this user; call this before JAX is imported.
 
-    The programs that were not used for the longest time are deleted when all together take more than `_MAX_BYTES`.
+    The least recently used programs are deleted when all together take more than `_MAX_BYTES`.
     Processes may use the folder at the same time. Nothing is kept if HA2G_COMPILE_CACHE is 0 or the folder cannot be
     written; JAX's own variable JAX_COMPILATION_CACHE_DIR takes precedence.
     """

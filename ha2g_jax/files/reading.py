@@ -21,7 +21,7 @@ from typing import IO, Any
 from ha2g_jax.errors import UserError
 from ha2g_jax.limits import MAX_JSON_DEPTH, MAX_NAME_LENGTH
 
-# Exceptions by which parsers answer damaged or hostile content; UnicodeError is a ValueError, OverflowError an
+# Exceptions that parsers raise for damaged or hostile content; UnicodeError is a ValueError, OverflowError an
 # ArithmeticError.
 _OF_CONTENT = (ValueError, ArithmeticError, RecursionError, EOFError, struct.error, zlib.error)
 
@@ -35,8 +35,8 @@ _kept: list[int] = []  # the standard error while it is replaced, once for each 
 
 
 def shown(path: str | os.PathLike) -> str:
-    """Return a path as printable text: bytes that are not UTF-8 and control characters as escapes, the middle left out
-    if it is very long.
+    """Return a path as printable text: bytes that are not UTF-8 and control characters are escaped, and the middle of a
+    very long path is left out.
     """
     try:
         text = os.fsencode(path).decode("utf-8", errors="backslashreplace")
@@ -49,15 +49,15 @@ def shown(path: str | os.PathLike) -> str:
 
 
 def resolved(path: str | os.PathLike) -> pathlib.Path:
-    """Return a path as an absolute one without links; a link to itself stays, and is an error where it is read."""
+    """Return a path as an absolute one without links; a link to itself stays, and is an error when it is read."""
     return pathlib.Path(os.path.realpath(path))
 
 
 def why_not_there(path: str | os.PathLike) -> str:
-    """Return what stands in the place of a file that has not arrived yet, and what to do; empty if the file is there.
+    """Return why a path does not hold the actual file yet, and what to do; "" if it does.
 
-    That is a pointer of Git LFS or git-annex, an unfinished download, a web page that was saved in place of a file, or
-    nothing at all. Only the beginning of a regular file is read, so that a pipe keeps its content.
+    It may be a pointer of Git LFS or git-annex, an unfinished download, a web page that was saved instead of a file, or
+    an empty file. Only the beginning of a regular file is read, so that a pipe keeps its content.
     """
     path = pathlib.Path(path)
     try:
@@ -82,10 +82,10 @@ def why_not_there(path: str | os.PathLike) -> str:
 
 
 def check_there(path: str | os.PathLike) -> None:
-    """Check that a file, if there is one, has arrived, see `why_not_there`.
+    """Check that a path, if it exists, holds the actual file, see `why_not_there`.
 
     Raises:
-        UserError: it has not.
+        UserError: it does not.
     """
     if why := why_not_there(path):
         raise UserError(f"{shown(path)} {why}")
@@ -114,7 +114,7 @@ def reading(path: str | os.PathLike, expected: str, *also: type[Exception]) -> I
 
 @contextlib.contextmanager
 def naming(path: str | os.PathLike) -> Iterator[None]:
-    """Put the path of a file before the message of a `UserError`."""
+    """Prefix the message of a `UserError` with the path of a file."""
     try:
         yield
     except UserError as error:
@@ -222,7 +222,7 @@ def _groups(values: Iterable[Any]) -> list[Any]:
 
 
 class SmallReads(io.BufferedReader):
-    """Reader that refuses large reads, because zipfile would read a table of contents of any size into objects."""
+    """Reader that refuses large reads, because zipfile would turn a table of contents of any size into objects."""
 
     def read(self, size: int | None = -1, /) -> bytes:
         if size is not None and size > _MAX_CONTENTS:
@@ -231,8 +231,8 @@ class SmallReads(io.BufferedReader):
 
 
 def read_exactly(file: IO[bytes], count: int) -> memoryview:
-    """Read bytes of a file, such as one in a zip file, in small parts; the caller has compared their number with what
-    the file can have.
+    """Read bytes of a file, such as one in a zip file, in small parts; the caller has checked that their number is
+    plausible.
 
     Raises:
         EOFError: the file ends early.

@@ -1,4 +1,4 @@
-"""Untrusted files of safetensors: the header is checked before any tensor is read."""
+"""Reader of untrusted safetensors files: the header is checked before any tensor is read."""
 
 import contextlib
 import os
@@ -14,12 +14,12 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import check_there, reason, shown
 from ha2g_jax.limits import MAX_HEADER_BYTES
 
-TYPES = ("F32", "F16", "BF16")  # of tensors that are read
+TYPES = ("F32", "F16", "BF16")  # types of tensors that are read
 
 
 @contextlib.contextmanager
 def open_tensors(path: str | os.PathLike) -> Iterator[Any]:
-    """Open a file of tensors by `safetensors.safe_open`; each tensor stays on the disk until it is read.
+    """Open a file of tensors with `safetensors.safe_open`; each tensor stays on the disk until it is read.
 
     The library checks the header, whose size is limited here: names, types and shapes fit the bytes that follow, which
     they cover without gaps and overlaps.
@@ -50,7 +50,7 @@ def _check_header_size(path: pathlib.Path) -> None:
 
 
 def shapes_of(file: Any) -> dict[str, tuple[int, ...]]:
-    """Return the shape of each tensor of an open file by name, from the header alone."""
+    """Return the shape of each tensor of an open file by name, using only the header."""
     names = file.keys()
     return {name: tuple(file.get_slice(name).get_shape()) for name in names}
 

@@ -1,4 +1,4 @@
-"""Safe reader of archives that `torch.save` of PyTorch 1.6 or later has written; it needs no PyTorch, and runs nothing.
+"""Safe reader of archives that `torch.save` of PyTorch 1.6 or later wrote; it needs no PyTorch and executes nothing.
 
 An archive is a zip file without compression:
 
@@ -8,12 +8,12 @@ An archive is a zip file without compression:
     NAME/version and other small files, which are not needed
 
 Nothing is unpacked to a disk, and the names in the zip file are compared and never used as paths. The numbers stay in
-the file, which is mapped into memory: an array is a view of its bytes, so that a tensor takes memory only where it is
-copied, and sizes that the file does not have cannot be asked for.
+the file, which is mapped into memory: an array is a view of its bytes, so that a tensor takes memory only when it is
+copied, and cannot be larger than the file.
 
-A pickle is a program for a stack machine. Of its opcodes only those are followed that make plain values, containers and
-tensors; no name in it is ever imported or called. What the files of the field hold besides is accepted as `Inert`: the
-name of a class, with the state of the object, if there is one, as plain values. These are objects that are made without
+A pickle is a program for a stack machine. Only the opcodes that make plain values, containers and tensors are executed;
+no name in it is ever imported or called. Other objects that such files commonly hold become `Inert`: the name of a
+class, with the state of the object, if there is one, as plain values. These are objects that are made without
 arguments, such as the settings of a program, and arrays of NumPy, whose numbers are not read. A request to call
 anything else is an error.
 """
@@ -81,7 +81,7 @@ _MAX_KEY = 2**31
 
 @dataclasses.dataclass
 class Inert:
-    """An object that was not made.
+    """A description of an object that was not created.
 
     Attributes:
         name: name of its class or function with its module.
@@ -96,9 +96,9 @@ def read_torch(path: str | os.PathLike) -> Any:
     """Read the value in an archive of PyTorch.
 
     Returns:
-        None, bool, int, float, str, bytes, list, tuple, dict with keys of text or whole numbers, arrays in place of
-        tensors, and `Inert` in place of other objects. Containers may contain themselves. Arrays are views of the
-        mapped file and cannot be written; the file must stay as it is while they are used.
+        None, bool, int, float, str, bytes, list, tuple, dict with keys of text or whole numbers, arrays instead of
+        tensors, and `Inert` instead of other objects. Containers may contain themselves. Arrays are views of the mapped
+        file and cannot be written; the file must not change while they are used.
 
     Raises:
         UserError: the file is missing, too large, damaged or of another kind, states sizes that its content does not
@@ -270,7 +270,7 @@ class _Machine:
         return _plain(value)
 
     def step(self, name: str, argument: Any) -> None:
-        """Follow one opcode; the names are those of `pickletools`."""
+        """Execute one opcode; the names are those of `pickletools`."""
         stack = self._stack
         self._count += 1
         if self._count > MAX_TORCH_OPCODES:
@@ -405,7 +405,7 @@ _CHANGES: dict[str, Callable[[_Machine], None]] = {
 
 
 def _plain(value: Any) -> Any:
-    """Return a value that a container may hold: names of modules are none."""
+    """Return a value that a container may hold; names in modules are refused."""
     if isinstance(value, _Name | _Storage) or value is _MARK:
         raise _Refused(f"its pickle refers to {value}, which is never looked up")
     return value

@@ -1,4 +1,4 @@
-"""Atomic writing of files and folders, of several one after the other, and checks of their paths."""
+"""Atomic writing of files and folders, processing of several files, and checks of their paths."""
 
 import contextlib
 import errno
@@ -24,10 +24,10 @@ _ADVICE = "use another folder or free disk space"
 
 
 def do_each(desc: str, works: Sequence[tuple[pathlib.Path, Callable[[], object]]]) -> None:
-    """Do the work of each file with a progress bar; a failure is named on stderr, and the other works are done.
+    """Process each file, with a progress bar; a failure is reported on stderr and the other files are still processed.
 
     Raises:
-        UserError: at the end, if a work failed.
+        UserError: at the end, if a file failed.
     """
     failed = 0
     with progress_bar(desc, len(works), "file") as bar:
@@ -136,8 +136,8 @@ def write_text(path: str | pathlib.Path, text: str, advice: str = _ADVICE) -> No
 def whole_folder(path: str | pathlib.Path) -> Iterator[pathlib.Path]:
     """Provide a new folder, which is renamed to `path` when the context ends without an exception.
 
-    If the context is left in any other way, nothing is left behind; what the process leaves that is killed meanwhile,
-    the next one removes. Missing folders above it are made.
+    If the context is left in any other way, nothing is left behind; the remains of a process that was killed are
+    removed by the next one. Missing parent folders are made.
 
     Raises:
         UserError: there is something at `path` that is not an empty folder, or the folder cannot be written.
@@ -154,7 +154,7 @@ def whole_folder(path: str | pathlib.Path) -> Iterator[pathlib.Path]:
 
 @contextlib.contextmanager
 def temporary_folder(path: pathlib.Path) -> Iterator[pathlib.Path]:
-    """Provide a new folder beside `path` that only this user can read; what is left of it at the end is removed.
+    """Provide a new folder beside `path` that only this user can read; if it still exists at the end, it is removed.
 
     A lock, which ends with this process however it ends, tells other processes that the folder is in use. Folders for
     the same `path` whose process is dead are removed first.
@@ -180,7 +180,7 @@ def temporary_folder(path: pathlib.Path) -> Iterator[pathlib.Path]:
 
 @contextlib.contextmanager
 def _parents(path: pathlib.Path) -> Iterator[None]:
-    """Make the folders above a path; those that are empty at the end are removed again."""
+    """Make the parent folders of a path; those that are empty at the end are removed again."""
     new: list[pathlib.Path] = []
     try:
         new += [folder for folder in path.parents if not folder.exists()]
