@@ -1,1 +1,1 @@
-"""Importers: recordings of people, as TED files, motion capture or videos, become a corpus."""
+"""Importers that make a corpus from recordings of people: TED files, motion capture or videos."""

@@ -1,4 +1,4 @@
-"""Import of motion capture, BVH and SMPL-X, with its audio and words as a corpus."""
+"""Import of motion capture, BVH and SMPL-X, with its audio and words, into a corpus."""
 
 import collections
 import dataclasses
@@ -94,11 +94,11 @@ def import_bvh(
     options: ImportOptions = _DEFAULTS,
     **reading: Unpack[Reading],
 ) -> Report:
-    """Write a corpus of one file of `bvh_motion.TREES`, or of all in a folder and below it, and return its counts.
+    """Write a corpus from one file of `bvh_motion.TREES`, or from all in a folder and below it, and return its counts.
 
     See `recordings.find_recordings` for the audio and the transcript of each file. Among several files, an unusable one
     is left out with a warning and counted as rejected. Motion and audio that differ in length by more than half a
-    second are cut to the shorter one, with a warning. The counts of what was kept and left out are also stored in the
+    second are cut to the shorter one, with a warning. The counts of kept and omitted parts are also stored in the
     corpus under "import".
 
     Raises:
@@ -130,7 +130,7 @@ def import_smplx(
     source_fps: float | None = None,
     unit: float | None = None,
 ) -> Report:
-    """Write a corpus of one file of SMPL-X motion, or of all .npz files in a folder and its subfolders, see
+    """Write a corpus from one file of SMPL-X motion, or from all .npz files in a folder and its subfolders, see
     `import_bvh`.
 
     Audio and words lie beside the motion and have its stem. If there are none, audio files and TextGrids of that stem

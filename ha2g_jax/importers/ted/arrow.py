@@ -1,4 +1,4 @@
-"""Reader of values serialized by `pyarrow.serialize` of pyarrow 0.14, which no current pyarrow reads.
+"""Reader of values serialized by `pyarrow.serialize` of pyarrow 0.14, which current versions cannot read.
 
 It uses neither pyarrow nor pickle, and checks every offset before use. The layout, little-endian:
 
@@ -185,7 +185,7 @@ def _checked_layout(metadata: bytes) -> tuple[_Layout, int]:
     layout = _read_layout(header)
     size, itemsize = math.prod(layout.shape), layout.dtype.itemsize
     last = sum((count - 1) * stride for count, stride in zip(layout.shape, layout.strides or ()))
-    # The first term refuses overlapping rows, with which an array could be larger than its bytes; none is written so.
+    # The first term refuses overlapping rows, with which an array could be larger than its bytes; no writer makes them.
     needed = layout.offset + (max(size * itemsize, last + itemsize) if size else 0)
     if min(0, *layout.shape, *(layout.strides or ()), layout.offset) < 0 or needed > length:
         raise _DamagedError(f"an array of shape {layout.shape} in {length} bytes")
@@ -198,7 +198,7 @@ class _Batch:
     def __init__(self, body: memoryview, header: _Table, arrays: list[np.ndarray], budget: int):
         self._body, self._arrays = body, arrays
         self._nodes, self._buffers = iter(header.pairs(1)), iter(header.pairs(2))
-        # Bytes of values that may still be made, because rows that are used repeatedly could exceed the memory.
+        # Bytes of values that may still be created, because rows that are used repeatedly could exceed the memory.
         self._budget = budget
 
     def union(self, field: _Field) -> _Range:

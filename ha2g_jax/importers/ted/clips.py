@@ -1,4 +1,4 @@
-"""Clips of one video of the TED data, by the published rule: resampling, windows, filters."""
+"""Clips of one video of the TED data, by the published procedure: resampling, windows, filters."""
 
 import math
 import numbers

@@ -187,7 +187,7 @@ class _Meta(NamedTuple):
 
 
 def check_whole(folder: pathlib.Path) -> int:
-    """Return the number of records of a database after a check that its file is whole; LMDB would read past its end.
+    """Check that the file of a database is whole, because LMDB would read past its end, and return its record count.
 
     Raises:
         UserError: there is no such file, it is not an LMDB database, or it is shorter than it declares.

@@ -1,4 +1,4 @@
-"""The images of a video: decoded within limits of memory, their times, and squares around the speaker."""
+"""The images of a video: decoding within limits of memory, their times, and squares around the speaker."""
 
 import contextlib
 import pathlib

@@ -272,7 +272,7 @@ def _make(folder: pathlib.Path, interpreter: str, pins: str) -> None:
 
 
 def _run(arguments: list[str], advice: str) -> None:
-    """Run a program to its end; where it fails, the line of its output that says most is that of the error."""
+    """Run a program to its end; if it fails, the error quotes the most informative line of its output."""
     options = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True, "errors": "replace"}
     done = subprocess.run(arguments, env=_environment(), check=False, **options)
     if done.returncode:

@@ -38,7 +38,7 @@ class _Worker(NamedTuple):
 def local(
     function: Callable[[Item], Result], items: Sequence[Item], workers: int | None = None
 ) -> Generator[tuple[Item, Result | Exception], None, None]:
-    """Call a function that is importable by name on each item, each time in a new process with one thread of OpenMP.
+    """Call a function that is importable by name on each item, each time in a new process with one OpenMP thread.
 
     When a process dies (a crash in a library, no memory left), its item is tried once more. All workers, and the
     processes that they have started, end with this process, even if it is killed. There is a worker per core by
@@ -117,7 +117,7 @@ def ray(
     workers: int | None = None,
     address: str | None = None,
 ) -> Generator[tuple[Item, Result | Exception], None, None]:
-    """Call a function on each item as a task of one CPU on a Ray cluster, and yield as `local`; it repeats lost tasks.
+    """Call a function on each item as a task with one CPU on a Ray cluster, which repeats lost tasks; yield as `local`.
 
     Every node must have this package, and find the files of the items under the same paths.
 
