@@ -16,16 +16,16 @@ from ha2g_jax.figure.shapes import Colour, Look, Part, backdrop, enlarged, proje
 from ha2g_jax.skeleton import Skeleton
 
 _REACH = 0.05  # metres in the picture plane within which two limbs overlap
-_CLEAR = 0.03  # metres of depth from which an order is certain
+_CLEAR = 0.03  # metres; with a larger difference of depths the order is certain
 _BEHIND = 0.12  # metres behind head or trunk from which a forearm is drawn behind the body
 
 _ORDERS = np.array(list(itertools.permutations(range(4))))
-# Whether the second of two parts is in front of the first, in each order of the four parts from back to front.
+# Whether the second of two parts is in front of the first, for each order of the four parts from back to front.
 _PLACES = np.argsort(_ORDERS, axis=1)
 _IS_BEFORE = (_PLACES[:, :, None] < _PLACES[:, None, :]).astype(np.float64)
 _MARGIN = 0.04  # metres between the figure and the edge of the image
-_LIMB = 0.06  # metres of a limb around its joints, with the tips of the fingers
-_HEAD = 0.18  # metres of the head around its centre
+_LIMB = 0.06  # metres by which a limb extends around its joints, including the tips of the fingers
+_HEAD = 0.18  # metres by which the head extends around its centre
 _MITTEN = 0.11  # metres from the wrist to the last joint of a hand without fingers
 _KNEES = 0.95  # metres below the spine to which the legs are drawn in most poses
 _PIECE = 2048  # frames that are projected at a time

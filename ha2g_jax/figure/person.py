@@ -54,7 +54,7 @@ MITTEN = (
 )
 
 HEAD_SIZE = 1.16  # factor of a head that is 0.23 m high
-# Metres on a head of size 1, as across, tall; the places below are from its centre to its left, up and ahead.
+# Metres on a head of size 1, as across, tall; the positions below are from its centre to its left, up and ahead.
 FACE = (0.086, 0.116)
 THROAT = (0.061, 0.055)  # metres; radii at the collar and below the chin
 EAR = (0.086, -0.012, -0.01), (0.017, 0.027)  # place and half axes
@@ -70,7 +70,7 @@ _FRONT += ((0.0, 0.060, 0.085), (0.0, -0.040, 0.098), (-0.03, -0.075, 0.075), (0
 
 
 def trunk_shapes(points: dict[str, np.ndarray], look: Look, detail: int) -> list[Shape]:
-    """Build shoulders, chest, belly and legs, which overlap in any pose: all edges, and then what they surround."""
+    """Build shoulders, chest, belly and legs, which overlap in any pose: all edges, and then the areas within them."""
     span = np.linalg.norm(points["left_shoulder"] - points["neck"], axis=-1)
     span += np.linalg.norm(points["right_shoulder"] - points["neck"], axis=-1)
     build = look.build * np.clip(span / (2 * _BREADTH), 0.75, 1.15)
@@ -148,7 +148,7 @@ class Arm(NamedTuple):
 
 
 def arm_shapes(points: dict[str, np.ndarray], side: str, look: Look, detail: int) -> Arm:
-    """Build an arm as round sleeves that pass into each other at the elbow.
+    """Build an arm as round sleeves that merge at the elbow.
 
     The edges of both sleeves are drawn before both, so that no line crosses the elbow. Each sleeve has its edge a
     second time, away from the elbow, for where it crosses the other one.
@@ -316,7 +316,7 @@ def _fringe(head: np.ndarray, look: Look, detail: int) -> np.ndarray:
 def _ellipse(
     head: np.ndarray, place: tuple[float, float, float], across: float, tall: float, detail: int, flat: bool = True
 ) -> np.ndarray:
-    """Return an ellipse (T, n, 2) on the head: in the plane of the face if flat, else facing the camera."""
+    """Return an ellipse (T, n, 2) on the head: in the plane of the face if flat, otherwise facing the camera."""
     angle = np.linspace(0, 2 * np.pi, 28 * detail, endpoint=False)
     left, up = (head if flat else _upright(head))[1:3]
     centre = _on_head(head, place)[:, None]

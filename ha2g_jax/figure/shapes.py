@@ -9,7 +9,7 @@ from PIL import Image
 Colour = tuple[int, int, int]
 
 _CAMERA = 3.2  # metres in front of the spine
-_NEAREST = 0.8  # metres; what is nearer to the camera is drawn as large as at this distance
+_NEAREST = 0.8  # metres; points nearer to the camera are drawn as large as at this distance
 _TINY = 1e-6  # metres and radians
 
 
@@ -39,7 +39,7 @@ class Part(NamedTuple):
 
 
 def enlarged(depths: np.ndarray) -> np.ndarray:
-    """Return the factors by which perspective enlarges what is at a depth behind the spine in metres."""
+    """Return the factors by which perspective enlarges objects at depths behind the spine in metres."""
     return _CAMERA / np.maximum(_CAMERA + depths, _NEAREST)
 
 
@@ -78,7 +78,7 @@ def hull(centres: np.ndarray, radii: np.ndarray, detail: int = 1) -> np.ndarray:
     """Build the outline (T, 32 * detail, 2) of the convex hull of n discs, with (T, n, 3) centres in metres."""
     rim = _directions(detail)
     places, radii = project(centres), radii * enlarged(centres[..., 2])
-    # In each direction, the point of that disc which reaches farthest.
+    # In each direction, the point of the disc that reaches farthest.
     farthest = np.argmax(places @ rim.T + radii[..., None], axis=-2)
     centre = np.take_along_axis(places, farthest[..., None], axis=-2)
     return centre + np.take_along_axis(radii, farthest, axis=-1)[..., None] * rim

@@ -1,6 +1,6 @@
 """Images of figures side by side as the three planes of a video: brightness, and two planes of colour at half the size.
 
-The conversion of an RGB image would cost more time than everything else. So the brightness of each outline is drawn on
+The conversion of an RGB image would take more time than everything else. So the brightness of each outline is drawn on
 a canvas of twice the size, which is then reduced to half within the bounds of the figure, and its colour on a canvas
 of half the size, where the eye does not see the missing antialiasing. The colours are those of BT.709, from black at
 16 to white at 235.
@@ -20,7 +20,7 @@ from ha2g_jax.skeleton import Skeleton
 
 _INK = (70, 74, 82)
 _STRIP = 0.018  # half of the height of the strip for names, as a fraction of the smaller side of the image
-_NAME_SCALES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5)  # of the size of a name, of which the first that fits its panel is taken
+_NAME_SCALES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5)  # factors of the size of a name; the first that fits its panel is used
 _RED, _GREEN, _BLUE = 0.2126, 0.7152, 0.0722  # weights of BT.709
 
 
