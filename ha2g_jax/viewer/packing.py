@@ -89,7 +89,7 @@ def _pack_body(name: str, lengths: tuple[float, ...]) -> dict[str, Any]:
 
 
 def _with_hips(surface: Surface) -> Surface:
-    """Divide what moves with the spine, joint 0, between it and the hips, a further joint, which lean half as much."""
+    """Divide the points that move with the spine, joint 0, between it and the hips, a joint that leans half as much."""
     below = surface.influence[:, :1] * smoothstep(-surface.points[:, 1:2], 0.0, 0.3)
     spine, others = surface.influence[:, :1] - below, surface.influence[:, 1:]
     return surface._replace(influence=np.concatenate([spine, others, below], axis=1))

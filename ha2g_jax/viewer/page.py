@@ -1,4 +1,4 @@
-"""Pages: motions with sound and words, or frames as they arrive, with JavaScript and three.js in one HTML document."""
+"""Pages that show motions with sound and words, or frames as they arrive, as one HTML document with three.js."""
 
 import base64
 import dataclasses
@@ -175,7 +175,7 @@ def _deflated_three() -> str:
 
 
 class LivePage(NamedTuple):
-    """An HTML document in UTF-8 and its headers of HTTP, by which the page may connect to its own origin only."""
+    """An HTML document in UTF-8 and its HTTP headers, which let the page connect only to its own origin."""
 
     content: bytes
     headers: dict[str, str]
@@ -242,7 +242,7 @@ def frames_message(first: int, directions: np.ndarray) -> dict[str, Any]:
 
 
 def _figure(skeleton: Skeleton, fps: float) -> dict[str, Any]:
-    """Return what the page needs to draw a skeleton: y is up there, and the person faces +z."""
+    """Return what the page needs to draw a skeleton; in its axes y is up, and the person faces +z."""
     return {
         "fps": fps,
         **describe_skeleton(skeleton),
