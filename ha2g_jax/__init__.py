@@ -9,7 +9,7 @@ _MODULES = {"Motion": "motion.motion", "Style": "synthesis", "UserError": "error
 
 
 def __getattr__(name: str):
-    # Imported on first use, so that `import ha2g_jax` and the data tools start without JAX.
+    # Imported on first use, so that `import ha2g_jax` and the data commands start without JAX.
     if name not in _MODULES:
         raise AttributeError(f"module 'ha2g_jax' has no attribute {name!r}")
     return getattr(importlib.import_module(f"ha2g_jax.{_MODULES[name]}"), name)

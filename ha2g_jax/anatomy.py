@@ -1,4 +1,4 @@
-"""A body of TED-Expressive as joint angles of trunk, head, arms and fingers, shapes of hands, and forward kinematics.
+"""A body of TED-Expressive as joint angles of trunk, head, arms and fingers; hand shapes; forward kinematics.
 
 The right arm is computed as a left one and mirrored. Within the trunk, x is outward, y down; the person faces -z.
 """
@@ -49,7 +49,7 @@ SPREAD_LIMITS = (4.0, 30.0)
 FINGER_BEND = np.array([(40.0, 55.0), (58.0, 117.0), (82.0, 94.0), (86.0, 88.0), (98.0, 66.0)])
 
 _NEAREST_WRIST = 0.28  # metres from the shoulder
-_ELBOW_POLE = np.array([0.0, 0.75, 0.65])  # the side of the line from shoulder to wrist on which an elbow hangs
+_ELBOW_POLE = np.array([0.0, 0.75, 0.65])  # direction in which an elbow hangs from the line from shoulder to wrist
 
 # Azimuth in the palm (towards the thumb) and palmar drop of each metacarpal, degrees, chosen so that neighbouring
 # bones meet at the published angles.
@@ -112,14 +112,14 @@ def body_directions(skeleton: skeletons.Skeleton, body: Body) -> np.ndarray:
 
 
 def reach(skeleton: skeletons.Skeleton, wrists: np.ndarray, swivel: np.ndarray, farthest: float = 0.98) -> np.ndarray:
-    """Find the arm angles that put the wrist at points: (T, 4) flexion, abduction, rotation and elbow in degrees.
+    """Find the arm angles that put the wrist at given points: (T, 4) flexion, abduction, rotation, elbow in degrees.
 
     Args:
         wrists: (T, 3) positions of the wrist of the left arm relative to the shoulder, in metres outward, up and
             forward; a point out of reach is moved along its direction into reach.
         swivel: (T,) rotation of the elbow about the line from shoulder to wrist, in degrees; 0 is down and back,
             positive is outward.
-        farthest: the greatest distance of the wrist from the shoulder, in lengths of the arm.
+        farthest: largest distance of the wrist from the shoulder, as a multiple of the length of the arm.
     """
     upper_length = float(skeleton.lengths[skeleton.bone("left_elbow")])
     fore_length = float(skeleton.lengths[skeleton.bone("left_wrist")])
@@ -142,7 +142,7 @@ def reach(skeleton: skeletons.Skeleton, wrists: np.ndarray, swivel: np.ndarray, 
 
 
 def at_least(values: np.ndarray, least: npt.ArrayLike) -> np.ndarray:
-    """Return the greater of each value in metres and a bound, with a rounded corner of two centimetres."""
+    """Return the larger of each value in metres and a bound, with a rounded corner of two centimetres."""
     above = values - least
     return least + np.where(np.abs(above) < 0.02, (above + 0.02) ** 2 / 0.08, np.maximum(above, 0))
 
@@ -218,8 +218,8 @@ def _finger_directions(hand: np.ndarray, flexions: np.ndarray, spread: np.ndarra
     for finger, name in enumerate(FINGERS):
         azimuth, drop = np.deg2rad(_METACARPALS[finger])
         local = np.array([np.cos(drop) * np.cos(azimuth), np.cos(drop) * np.sin(azimuth), -np.sin(drop)])
-        # A finger is nearer to the middle one than its metacarpal, and curls into the palm; the thumb goes on along
-        # its own, and also swings across the palm.
+        # A finger is nearer to the middle finger than its metacarpal is, and curls into the palm; the thumb continues
+        # its metacarpal, and also swings across the palm.
         if name == "thumb":
             straight, curl = local[None], _perpendicular(np.array([0.0, -0.8, -0.6]), local)
         else:

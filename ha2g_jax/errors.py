@@ -1,4 +1,4 @@
-"""The exception that a mistake of the user raises, and checks that raise it: of numbers and of installed packages."""
+"""The exception for mistakes of the user, and checks of numbers and of installed packages that raise it."""
 
 import importlib
 import math
@@ -14,10 +14,10 @@ class UserError(Exception):
 
 
 def check_number(value: Any, least: float, most: float, message: str) -> float:
-    """Return a number as a plain one, whether it is one of Python, NumPy or JAX.
+    """Return a number of Python, NumPy or JAX as a plain Python number.
 
     Raises:
-        UserError: with the message, where the value is not a finite number from `least` to `most`.
+        UserError: the value is not a finite number from `least` to `most`; the text is `message`.
     """
     try:
         number = math.nan if isinstance(value, bool | str | bytes) else float(value)
@@ -33,8 +33,8 @@ def require(module: str, extra: str, *, by: str = "this", package: str = "", lib
 
     Args:
         by: what needs the module, for the message.
-        package: name of its package, where it differs from that of the module.
-        library: how a library of the system that the package loads is installed.
+        package: name of its package, if it differs from that of the module.
+        library: how to install a system library that the package loads.
 
     Raises:
         UserError: the package, or a library that it needs, is missing.

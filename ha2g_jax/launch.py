@@ -45,7 +45,7 @@ Under Slurm's srun none of these is needed, see docs/scaling.md.
 Settings of HA2G; other methods have other losses and some further settings:
 {settings}
 """
-_MAX_LETTERS = 1000  # of a message of a library, which may quote all of a flag
+_MAX_LETTERS = 1000  # of a message of a library, which may quote a whole flag
 
 
 def prepare_process() -> None:
@@ -55,7 +55,7 @@ def prepare_process() -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one training from flags, by default those of this process after its name, and return its exit code.
+    """Run one training from flags, by default the arguments of this process, and return its exit code.
 
     Raises:
         UserError: a flag, a config or the data cannot be used, or the processes of the run did not all join.
@@ -142,7 +142,7 @@ def _take_spec(argv: list[str]) -> tuple[str, list[str]]:
 def _read(spec: str) -> Config:
     """Return the config of a preset, or the one that `get_config` of "FILE[:SIZE]" returns.
 
-    A file with the name of a preset is given as ./NAME, so that no file is executed whose name was not meant as a file.
+    A file with the name of a preset must be given as ./NAME, so that no file is executed by mistake.
     """
     path, _, size = spec.partition(":")
     if path in presets.DATA:

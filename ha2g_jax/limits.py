@@ -1,10 +1,10 @@
 """Limits of inputs from outside, see docs/limits.md: within all of them an input takes seconds and less than 2 GiB."""
 
 MAX_NAME_LENGTH = 200
-"""Letters of a path that a message shows."""
+"""Characters of a path that a message shows."""
 
 MAX_JSON_DEPTH = 64
-"""Objects and lists inside one another in a JSON document."""
+"""Depth of nested objects and lists in a JSON document."""
 
 MAX_CONFIG_BYTES = 65_536
 """Size of the config.json of a model folder, a workdir or a Whisper model."""
@@ -68,13 +68,13 @@ MAX_REFERENCE_IMAGES = 16
 """Reference images of a training example."""
 
 MAX_IMAGE_SIZE = 1_024
-"""Pixels of the side of a reference image as a network takes it."""
+"""Pixels of the side of a reference image at the input of a network."""
 
 MAX_LAYERS = 12
 """Layers of a recurrent network, blocks of a stage of the audio network, and stages of the spectrogram's network."""
 
 MAX_TEXT_LAYERS = 10
-"""Layers of the text network, each of which sees twice as far as the one before."""
+"""Layers of the text network, each of which sees twice as far as the previous one."""
 
 MAX_WHISPER_LAYERS = 32
 """Layers of a Whisper encoder."""
@@ -83,7 +83,7 @@ MAX_CHANNELS = 8_192
 """Channels of a layer, and values of a state, a feature, a word vector or a style."""
 
 MAX_RECORD_BYTES = 33_554_432
-"""Size of run.json, and of each file of a checkpoint but those of its arrays."""
+"""Size of run.json, and of each file of a checkpoint except those of its arrays."""
 
 MAX_TALK_SPEAKERS = 10_000
 """Speakers of a Talk corpus."""
@@ -98,16 +98,16 @@ MAX_MOTION_SECONDS = 7_800
 """Seconds of a motion: twice the longest sound."""
 
 MIN_MOTION_FPS = 0.1
-"""Least frames per second of a file of motion."""
+"""Lowest frame rate of a file of motion."""
 
 MAX_MOTION_FPS = 1_000
-"""Most frames per second of a file of motion."""
+"""Highest frame rate of a file of motion."""
 
 MIN_FPS = 1
-"""Least frames per second of `ha2g generate --fps`."""
+"""Lowest frame rate of `ha2g generate --fps`."""
 
 MAX_FPS = 240
-"""Most frames per second of `ha2g generate --fps`."""
+"""Highest frame rate of `ha2g generate --fps`."""
 
 MAX_MOTION_JOINTS = 1_000
 """Joints of a file of motion from another system."""
@@ -125,10 +125,10 @@ MAX_SOUND_SECONDS = 3900.0
 """Seconds of a recording: an hour and five minutes."""
 
 MIN_SOUND_RATE = 1_000
-"""Samples per second of a recording, at least."""
+"""Lowest sample rate of a recording."""
 
 MAX_SOUND_RATE = 768_000
-"""Samples per second of a recording, at most: the highest rate of audio interfaces."""
+"""Highest sample rate of a recording, that of the fastest audio interfaces."""
 
 MAX_SOUND_CHANNELS = 64
 """Channels of a recording."""
@@ -152,10 +152,10 @@ MAX_PICTURE_PIXELS = 67_108_864
 """Pixels of a reference image, such as 8192 x 8192."""
 
 MAX_PICTURE_PASSES = 805_306_368
-"""Pixels of a reference image in progressive JPEG, times its passes over them, of which there are 10 usually."""
+"""Pixels of a reference image in progressive JPEG, times its passes over them, usually 10."""
 
 MAX_NPZ_RATIO = 200
-"""Bytes that a byte of any `.npz` may unpack to: recordings unpack to three, files made to fill the memory to 1,000."""
+"""Bytes that a byte of any `.npz` may unpack to: recordings unpack to three, zip bombs to 1,000."""
 
 MAX_NPZ_OF_ANY_RATIO = 1 << 28
 """Bytes of unpacked arrays up to which a `.npz` may be compressed by any factor, as an array of zeros is."""

@@ -1,4 +1,4 @@
-"""Progress of long work on stderr: a bar or a clock on a terminal, and a plain line now and then elsewhere."""
+"""Progress of long work on stderr: a bar or a clock on a terminal, and otherwise a plain line now and then."""
 
 import contextlib
 import math
@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 T = TypeVar("T")
 
-_TICK = 1.0  # seconds between two times that a clock shows on a terminal
+_TICK = 1.0  # seconds between updates of a clock on a terminal
 _LINE_SECONDS = 10.0  # seconds between two plain lines
 _PART_DELAY = 2.0  # seconds before the progress of a part is shown
 _COUNT = "{n_fmt} of {total_fmt} {unit}, {remaining} left{postfix}"
@@ -47,10 +47,10 @@ def progress_bar(
 
     Args:
         desc: name of the work.
-        unit: noun of one of the things that are counted, such as "clip".
-        initial: number of things that are done already.
+        unit: singular noun of the things that are counted, such as "clip".
+        initial: number of things that are already done.
         is_shown: whether anything is shown.
-        is_part: whether it is part of work with a progress of its own; then it is only shown on a terminal, after 2 s.
+        is_part: whether it is part of work with its own progress; then it is only shown on a terminal, after 2 s.
         leave: whether the last state of a bar stays on a terminal.
         line_seconds: time between two plain lines (default: 10).
     """
@@ -67,7 +67,7 @@ def progress_bar(
 
 
 def track(items: Iterable[T], desc: str, unit: str, total: int | None = None) -> Iterator[T]:
-    """Yield the items of an iterable, whose length is `total` if it has none, and show by a bar how many are done."""
+    """Yield the items of an iterable, with length `total` if it has none, and show the progress as a bar."""
     count = len(items) if total is None else total  # pyright: ignore[reportArgumentType]
     with progress_bar(desc, count, unit) as bar:
         for item in items:
@@ -77,7 +77,7 @@ def track(items: Iterable[T], desc: str, unit: str, total: int | None = None) ->
 
 @contextlib.contextmanager
 def stage(desc: str) -> Iterator[None]:
-    """Say on stderr what the work of the context is, such as "loading the model", and how long it has taken."""
+    """Show on stderr what this context does, such as "loading the model", and how long it has taken."""
     done = threading.Event()
     with progress_bar(desc) as bar:
         interval = _LINE_SECONDS if isinstance(bar, _Lines) else _TICK

@@ -1,8 +1,8 @@
 """Skeletons (joints, bones, levels and angle pairs) and the geometry that is derived from them.
 
 A pose is the set of unit direction vectors of the bones, parent to child (HA2G, section 3.1).
-Everything that depends on the skeleton - the channels of a level and of the next, mirroring, forward
-kinematics, joint angles - is derived from a `Skeleton`, so that another skeleton is only another file.
+Everything that depends on the skeleton - the channels of each level, mirroring, forward kinematics, joint angles - is
+derived from a `Skeleton`, so that another skeleton is only another file.
 The functions are pure and take numpy and jax arrays.
 
 Axes are those of the TED data: metres, y points down, the person's left is +x in TED-Expressive.
@@ -25,7 +25,7 @@ _MAX_COSINE = 1 - 1e-6
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Skeleton:
-    """A tree of joints with the statistics of the data set it was measured on; equal by value, arrays included.
+    """A tree of joints with the statistics of its data set. Skeletons are compared by value, including arrays.
 
     Attributes:
         name: name of the skeleton file, such as "ted_expressive".
@@ -154,7 +154,7 @@ _PALMS = {"ted_expressive": ((11, 17), (28, 34))}
 def normalize(vectors: Any) -> Any:
     """Return vectors (..., 3) scaled to unit length; a zero vector stays zero, with a finite gradient.
 
-    Vectors of whole numbers become floating; float16 has too small a range.
+    Integers become floats. The range of float16 is too small.
     """
     xp = vectors.__array_namespace__()
     squared = xp.sum(vectors * vectors, axis=-1, keepdims=True)
@@ -208,7 +208,7 @@ def _cross(xp: Any, a: Any, b: Any) -> Any:
 
 
 def mirror_directions(skeleton: Skeleton, directions: Any) -> Any:
-    """Mirror poses, directions (..., bones, 3): exchange left and right bones and negate x."""
+    """Mirror poses, given as directions (..., bones, 3): exchange left and right bones and negate x."""
     xp = directions.__array_namespace__()
     swapped = directions[..., skeleton.mirror_bones, :]
     return xp.concat([-swapped[..., :1], swapped[..., 1:]], axis=-1)

@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from typing import NoReturn
 
-# Python handles a signal between two of its own instructions, and compiling the step is one that takes a minute.
+# Python handles a signal between two of its own instructions, and compiling the step is one that may take a minute.
 _PATIENCE = 5.0  # seconds
 
 
@@ -22,8 +22,9 @@ def on_stop_signals(
 ) -> Iterator[None]:
     """Call a function with the number of each stop signal that arrives in this context.
 
-    The function is called between two instructions of the main thread; outside of it, and for signals that are ignored,
-    as SIGHUP under nohup, nothing changes. Signals in `once` are handled once, and then do what they did before.
+    The function is called between two instructions of the main thread. In other threads, and for signals that are
+    ignored, such as SIGHUP under nohup, nothing changes. Signals in `once` are handled only once, and then have their
+    previous effect.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -64,11 +65,11 @@ class Stop:
         self._may_raise = True
 
     def enter_compiler(self) -> None:
-        """Declare that a signal must not raise from now on: an exception in a callback would crash a compiler."""
+        """Declare that signals must not raise from now on: an exception in a callback would crash a compiler."""
         self._may_raise = False
 
     def begin(self) -> None:
-        """Declare that there are steps to save from now on: a signal is only recorded, and the loop ends the run."""
+        """Declare that from now on there are steps to save: a signal is only recorded, and the loop ends the run."""
         self._begun.set()
 
     @property
