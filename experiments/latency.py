@@ -1,10 +1,10 @@
-"""Measure how well gestures fit the speech by the look-ahead of the stream that makes them; train the missing runs.
+"""Measure how well gestures fit the speech at several look-aheads of a stream; train the missing runs.
 
     python experiments/latency.py --data talk --size study --seeds 3
     python experiments/latency.py --data talk --size debug --seeds 1         # a quick test that everything runs
 
 Two settings of HA2G are compared, trained with hidden ends (data.lookahead) and on whole windows, at look-aheads from
-0 to 15 frames and with the whole file. Each setting and seed is a run of its own in WORKDIR, which reproduce.py uses
+0 to 15 frames and with the whole file. Each setting and seed is a separate run in WORKDIR, which reproduce.py uses
 too. Finished runs are not trained again, and the same command continues an interrupted one.
 """
 

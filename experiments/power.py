@@ -1,4 +1,4 @@
-"""Simulate the power of the factorial study from the spreads of its kept runs and of those of the study before it.
+"""Simulate the power of the factorial study from the spreads of its kept runs and of those of the previous study.
 
     python experiments/power.py
 
@@ -41,10 +41,10 @@ class Spreads(NamedTuple):
 def read_spreads(kept: Kept, blocks: RowScores) -> list[list[Spreads]]:
     """Return the spreads of each measure of each question.
 
-    A run's is what is left of the scores of rows and seeds of the study before without the mean of the row and of the
-    seed. Its rows are the ablations of Tables 3 and 4 with all audio levels; for fingers r, which is at its floor in
-    them, the baselines that read the words. That by speakers is the jackknife's of the effects in the whole blocks that
-    are there of the factorial study.
+    The spread of a run is the residual of the scores of the previous study after the means of its row and of its seed
+    are subtracted. The rows are the ablations of Tables 3 and 4 with all audio levels; for fingers r, which is at its
+    floor in them, the baselines that read the words. The spread by speakers is the jackknife's, of the effects in the
+    complete blocks of the factorial study so far.
     """
     rows: dict[str, dict[int, Mapping[str, Any]]] = {}
     for record in kept.records:
@@ -71,7 +71,7 @@ def read_spreads(kept: Kept, blocks: RowScores) -> list[list[Spreads]]:
 
 
 def _values(mine: Mapping[int, Any], metric: str) -> list[float]:
-    """Return a metric in the order of the seeds; the FGD of the hands was not stored, so that of all bones."""
+    """Return a metric in the order of the seeds; the FGD of the hands was not stored, so use that of all bones."""
     ordered = [mine[seed] for seed in sorted(mine)]
     if metric == f"talk.{HANDS_FGD}":
         return [math.log(one["evaluation"]["rows"]["model"]["fgd"]["value"]) for one in ordered]
@@ -100,8 +100,10 @@ def draw_effects(
 
 
 def simulate(spreads: list[list[Spreads]], blocks: int) -> list[tuple[float, float]]:
-    """Return for each question the smallest effect that is held with a probability of 80 %, all measures alike in units
-    of what matters and the other parts without effect, NaN above 4; and how often no effect is not held.
+    """Return for each question the smallest effect that is held with a probability of 80 %, and how often a part
+    without any effect is not held.
+
+    All measures have the same effect in units of what matters, and the other parts have none; NaN above 4.
     """
     rng, found = np.random.default_rng(_SEED), []
     nothing = [[0.0 for _ in question.measures] for question in QUESTIONS]

@@ -7,9 +7,9 @@
     python experiments/reproduce.py factorial --continue --size medium       # the factorial study, where it was left
 
 TABLE is table1, table1_equal, table3, table4, table11, table12, figure3, gesture_ablation or factorial. Each row and
-seed is a run of its own in WORKDIR, which all tables use; finished runs are not trained again, and the same command
-continues an interrupted one. With --continue it starts from the runs that the repository keeps, so that a study goes on
-anywhere. table5 and table10 are statistics of the data, for which nothing is trained. Without --size models and
+seed is a separate run in WORKDIR, which all tables use; finished runs are not trained again, and the same command
+continues an interrupted one. With --continue it starts from the runs that the repository keeps, so that a study can go
+on anywhere. table5 and table10 are statistics of the data, for which nothing is trained. Without --size models and
 training are the paper's, which take days on one GPU; `ha2g doctor --benchmark --table1` measures the hours on this
 machine.
 """
@@ -56,7 +56,7 @@ CORPUS_TABLES = ("table5", "table10")
 
 _HERE = pathlib.Path(__file__).resolve().parent
 
-# Videos, hours and segments of all splits, and ratio of the length of a video that shots of interest have.
+# Videos, hours and segments of all splits, and fraction of the length of a video that shots of interest take.
 _TABLE_5 = {
     "TED Gesture, paper": ("1,766", "106.1", "252,109", "25 %"),
     "TED-Expressive, paper": ("1,764", "100.8", "240,447", "21 %"),

@@ -1,1 +1,1 @@
-"""The paper's tables made anew: planned as runs, trained and scored by processes, written beside its numbers."""
+"""Reproduction of the paper's tables: plans of runs, training and scoring in processes, and pages with both numbers."""

@@ -1,4 +1,4 @@
-"""Tests of the paper's claims that one row is better than another, corrected for how many there are."""
+"""Tests of the paper's claims that one row is better than another, corrected for multiple testing."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -27,7 +27,7 @@ class Measured(NamedTuple):
     Attributes:
         value: score of all clips.
         without: (groups,) score without each group of clips in turn, such as those of a recording or of a speaker;
-            empty where it is not known, so that nothing can be said about other recordings or speakers.
+            empty if unknown, so that nothing can be said about other recordings or speakers.
     """
 
     value: float
@@ -82,7 +82,7 @@ def combine(runs: Sequence[Measured]) -> Mean:
 
     The error is se^2 = s^2 / n + v, with s the standard deviation over n seeds and v the jackknife variance of the mean
     over the groups; the degrees of freedom are those of Welch and Satterthwaite. Because s contains a part of v, the
-    error is rather too large than too small.
+    error tends to be too large rather than too small.
 
     There is no error for one seed, for one group, or where a score without one of the groups is unknown.
     """
@@ -137,8 +137,8 @@ def judge(claims: Sequence[Claim]) -> list[Verdict]:
     The intervals are Bonferroni's: each has the level 1 - 0.05 / m, for m claims, so that all of them hold together at
     `LEVEL`. Holm's method decides a little more than they do.
 
-    With a corrected p-value above 0.05, or without an error, a claim is undecided. A claim that two rows are comparable
-    is not held with one below; that no difference was found does not show that there is none.
+    With a corrected p-value above 0.05, or without an error, a claim is undecided. With a smaller one, a claim that two
+    rows are comparable is not held; finding no difference does not show that there is none.
     """
     differences = [claim.difference and with_freedom_of_seeds(claim.difference) for claim in claims]
     tested = [difference for difference in differences if difference and difference.error is not None]

@@ -64,7 +64,7 @@ class Measure(NamedTuple):
 
 
 class Question(NamedTuple):
-    """A claim of the paper: a part of HA2G is there for these measures; `control` is the name of what takes it away."""
+    """A claim of the paper: a part of HA2G improves these measures; `control` is the name of the control without it."""
 
     claim: str
     control: str
@@ -178,7 +178,7 @@ def _decide(question: Question, spreads: Sequence[Spread | None], value: float) 
 
 def more_blocks(question: Question, effects: Sequence[Sequence[Measured]]) -> int | None:
     """Return the least number of further blocks that decide an undecided question, with a probability of 80 % for each
-    measure, if effects and spreads stay; None where more than 64 blocks would be needed.
+    measure, if effects and spreads stay the same; None if more than 64 blocks would be needed.
 
     A claim is decided by intervals that exclude 0 in all of its measures, or the advantage that matters in one of them.
     The variance over blocks falls with their number, that over speakers does not.
@@ -205,8 +205,8 @@ def more_blocks(question: Question, effects: Sequence[Sequence[Measured]]) -> in
 
 
 def gate(scores: RowScores, size: str) -> tuple[dict[str, float], bool]:
-    """Return fingers r on the validation split of the oracle and of the full model, its mean over blocks, as far as
-    they are there, and whether both pass; the debug size has no gate.
+    """Return fingers r on the validation split of the oracle and of the full model (the mean over blocks), as far as
+    available, and whether both pass; the debug size has no gate.
     """
     found = {row: by_seed(scores.get(row, {}), SPLITS[0], _GATE_MEASURE) for row in GATE_ROWS}
     values = {row: float(np.mean([each.value for each in mine.values()])) for row, mine in found.items() if mine}
@@ -214,7 +214,7 @@ def gate(scores: RowScores, size: str) -> tuple[dict[str, float], bool]:
 
 
 def describe(records: Mapping[str, Mapping[int, Record]]) -> str:
-    """Say how many runs and whole blocks are there, and their hours."""
+    """Say how many runs and complete blocks there are, and their hours."""
     there = {row: {seed for seed, one in mine.items() if one.scores is not None} for row, mine in records.items()}
     hours = sum(one.hours for mine in records.values() for one in mine.values())
     runs = f"{sum(map(len, there.values()))} of {sum(map(len, records.values()))} runs"
@@ -233,7 +233,7 @@ def as_markdown(
     failures: Mapping[str, Mapping[int, str]],
     numbers: str,
 ) -> str:
-    """Write the page, whose bytes depend on the scores and on the reasons of failures alone.
+    """Write the page, which depends only on the scores and on the reasons for failures.
 
     Args:
         numbers: name of the file beside the page with all numbers.

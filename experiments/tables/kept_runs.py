@@ -1,8 +1,8 @@
 """Keep all finished runs of a study in one table, `scores.jsonl`: what its reports need, small enough to publish.
 
-The first line has the corpus, the auto-encoder and the scores that all runs have alike, such as those of the teacher;
-each further line is a run. The auto-encoder alone keeps its weights, as a model folder beside the table, because the
-scores of further runs need them.
+The first line has the corpus, the auto-encoder and the scores that all runs share, such as those of the teacher; each
+further line is a run. Only the auto-encoder keeps its weights, as a model folder beside the table, because the scores
+of further runs need them.
 """
 
 import collections
@@ -30,8 +30,8 @@ class Kept(NamedTuple):
 
     Attributes:
         data: {"sha256", "metadata"} of the `dataset.json` of the corpus, see `corpus_data`, None without a table.
-        kind: what the scores depend on beside the models, values of JSON.
-        autoencoder: record of the auto-encoder, None without.
+        kind: what the scores depend on besides the models, values of JSON.
+        autoencoder: record of the auto-encoder, None without one.
         records: records of all other runs, with scores.
     """
 
@@ -43,8 +43,8 @@ class Kept(NamedTuple):
     def is_of(self, data: Mapping[str, Any]) -> bool:
         """Return whether the runs are of a corpus, given by its `corpus_data`.
 
-        It has the same bytes, or `ha2g data make-talk` made it in the same way: processors differ in the last bit of a
-        sample now and then, and a study may go on elsewhere.
+        It has the same bytes, or `ha2g data make-talk` made it with the same arguments: processors differ in the last
+        bit of a sample now and then, and a study may go on elsewhere.
         """
         if self.data is None:
             return False
@@ -139,14 +139,14 @@ def keep_run(
 
 
 def _for_all(record: Record, corpus: str) -> Record:
-    """Return a record as it is published, without what is of one machine."""
+    """Return a record as it is published, without what is specific to a machine."""
     config = {**record.config, "data": {**record.config["data"], "path": corpus}}
     starts = [{key: start[key] for key in _START if key in start} for start in record.starts]
     return record._replace(config=config, starts=starts)
 
 
 def _trained(record: Record) -> list[Any]:
-    """Return what two trainings of the same run do not have alike."""
+    """Return what differs between two trainings of the same run."""
     return [record.starts, record.validation, (record.scores or {}).get("model")]
 
 
@@ -167,7 +167,7 @@ def _write(kept: Kept, path: pathlib.Path) -> None:
 
 
 def _alike(trees: Sequence[Any]) -> Any:
-    """Return what all trees have alike, a value or the entries of a dict, or `_DIFFERENT`."""
+    """Return what all trees have in common, a value or the entries of a dict, or `_DIFFERENT`."""
     first, *others = trees
     if not all(isinstance(tree, dict) for tree in trees):
         return first if all(tree == first for tree in others) else _DIFFERENT
@@ -177,7 +177,7 @@ def _alike(trees: Sequence[Any]) -> Any:
 
 
 def _own(tree: Mapping[str, Any], alike: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a tree has beside what all have alike."""
+    """Return the part of a tree that the trees do not have in common."""
     found = {}
     for name, value in tree.items():
         if name not in alike:
@@ -188,7 +188,7 @@ def _own(tree: Mapping[str, Any], alike: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _merged(own: Mapping[str, Any], alike: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the whole tree, with the entries in the order that all have alike."""
+    """Return the whole tree, with the entries in the common order."""
     found = dict(alike)
     for name, value in own.items():
         found[name] = _merged(value, alike[name]) if isinstance(value, dict) and name in alike else value

@@ -1,4 +1,4 @@
-"""The study of look-aheads: the models that are compared, what they are scored at, and what their scores say."""
+"""The study of look-aheads: the compared models, the look-aheads at which they are scored, and the verdicts."""
 
 import pathlib
 from collections.abc import Mapping, Sequence
@@ -32,7 +32,7 @@ GAIN, F1, RECALL, FLOOR, ABOVE_FLOOR = "beat_f1_gain", "beat_f1", "semantic_reca
 JERK, BEATS = "jerk_ratio", "beats_per_second"
 PRIMARY = (GAIN, ABOVE_FLOOR)
 
-_EVALUATION_VERSION = 1  # of what `scores` measures; a higher number makes all scores anew
+_EVALUATION_VERSION = 1  # version of what `scores` measures; a higher number makes it compute all scores again
 
 
 def plan_settings(request: Request) -> Plan:
@@ -84,7 +84,7 @@ def level(scores: Mapping[int, Scores], name: str, row: str = MODEL_SCORES) -> S
 
 
 def difference(first: Mapping[int, Scores], second: Mapping[int, Scores], name: str) -> Spread | None:
-    """Compute the mean of first less second, by seed on the same recordings, over the seeds that both have, or None."""
+    """Compute the mean of first minus second, by seed on the same recordings, over common seeds; None without any."""
     pair = ({seed: found for seed, one in each.items() if (found := measured(one, name))} for each in (first, second))
     found = paired(*pair)
     return None if found is None else interval(found)
@@ -112,7 +112,7 @@ def all_of(verdicts: Sequence[str]) -> str:
 
 
 def losses(curve: Mapping[int | None, Mapping[int, Scores]], name: str) -> dict[int | None, Spread | None]:
-    """Compute how much less a score of a setting is at each look-ahead than with the whole file."""
+    """Compute by how much a score of a setting is lower at each look-ahead than with the whole file."""
     return {at: difference(curve.get(None, {}), curve.get(at, {}), name) for at in LOOK_AHEADS if at is not None}
 
 

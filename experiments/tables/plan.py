@@ -35,9 +35,9 @@ from tables.workdirs import (
 
 WORKDIR = pathlib.Path("runs/reproduce")
 
-EVALUATION_VERSION = 5  # of what `scores` measures; a higher number makes all scores anew
+EVALUATION_VERSION = 5  # version of what `scores` measures; a higher number makes it compute all scores again
 
-_DRAWS = {"debug": 100}  # of the bootstrap over clips; other sizes have 1000
+_DRAWS = {"debug": 100}  # draws of the bootstrap over clips; other sizes have 1000
 _SPLITS = {"talk": ("test", "test_unseen_speakers")}  # others have "test"
 # Table, or "" for any other, and whether the size is debug -> name, speakers and minutes of its own Talk corpus.
 _CORPORA = {
@@ -219,12 +219,12 @@ def plan_grid(spec: str, workdir: pathlib.Path, grids: Sequence[str], overrides:
 
 
 def scores_kind(plan: TablePlan, request: Request) -> list[Any]:
-    """Return what the scores of a table depend on beside the models and the corpus."""
+    """Return what the scores of a table depend on besides the models and the corpus."""
     return [EVALUATION_VERSION, list(plan.splits), request.has_legacy, plan.draws]
 
 
 def scores_path(run: Run, plan: TablePlan, request: Request) -> pathlib.Path | None:
-    """Return the path of the scores of a run for a table, or None without the weights of it or the auto-encoder."""
+    """Return the path of the scores of a run for a table, or None if its weights or the auto-encoder's are missing."""
     weights = weights_digest(plan.autoencoder)
     return None if weights is None else scores_file(run, "scores", [*scores_kind(plan, request), weights, plan.digest])
 

@@ -1,4 +1,4 @@
-"""Page of a reproduction in Markdown: the claims with their verdicts, the paper's numbers beside ours, the runs."""
+"""Page of a reproduction in Markdown: the claims with their verdicts, the paper's numbers next to ours, the runs."""
 
 import datetime
 import importlib.metadata
@@ -69,7 +69,7 @@ _GAN_RULE = f"""\
 The GAN term helps if one of these distances to the truth is smaller with it, with a 95 % interval over seeds that \
 excludes 0 (not corrected for their number), and if the reconstruction term on the validation split is at most \
 {_TOLERANCE:.0%} larger."""
-# Metrics that the evaluation may remark on and no table here shows.
+# Metrics that the evaluation may remark on but that no table here shows.
 _UNSHOWN = {
     metric.heading
     for key, metric in metrics.of_section("rows").items()

@@ -1,6 +1,7 @@
 """Motion by retrieval: each window of speech gets the motion of the training window that sounds most like it.
 
-A floor for models: real motion, whose rhythm follows the speech only as far as similar sound had similar gestures.
+It is a floor for models: real motion, whose rhythm follows the speech only as far as similar sound has similar
+gestures.
 """
 
 from collections.abc import Mapping, Sequence
@@ -106,7 +107,7 @@ def _mel(clips: Clips, index: int) -> tuple[np.ndarray, int]:
 
 
 def _sound(mel: np.ndarray, start: int, length: int, fps: float) -> np.ndarray:
-    """Return the course of each band of a window as one unit vector, less the mean spectrum, which is the voice's."""
+    """Return the bands of a window over time, minus the mean spectrum, that of the voice, as one unit vector."""
     window = mel_window(mel, start, length, fps)
     bands = np.array([part.mean(axis=0) for part in np.array_split(window, _BANDS, axis=0)])
     course = np.array([part.mean(axis=1) for part in np.array_split(bands, _COLUMNS, axis=1)])

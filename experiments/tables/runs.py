@@ -1,4 +1,4 @@
-"""Train and score runs in processes of their own, several at once, and show their progress.
+"""Train and score runs in separate processes, several at once, and show their progress.
 
 As a program, `python -m tables.runs NAME`, it is the process of one run, with its task as JSON on the standard input.
 """
@@ -115,7 +115,7 @@ class Stopped(Exception):
 
 
 def run_script(name: str, work: Callable[[Stop], bool]) -> int:
-    """Run the work of a script and return its exit code.
+    """Do the work of a script and return its exit code.
 
     Args:
         name: name of the script, for messages.
@@ -196,7 +196,7 @@ def run_all(
 
 
 def perform_in_process(request: Request, run: Run, worker: int, stop: Stop) -> None:
-    """Train and score one run in a process of its own, whose output goes to RUN.log beside the workdir.
+    """Train and score one run in a separate process, whose output goes to RUN.log beside the workdir.
 
     Raises:
         UserError: the process failed; the message is its last line of output.
@@ -308,7 +308,7 @@ def main() -> int:
 
 
 def _end_with(parent: int) -> None:
-    """End this process at once when its parent is no more, which may have been killed; the run is resumed later."""
+    """End this process at once when its parent has ended, perhaps because it was killed; the run is resumed later."""
     while os.getppid() == parent:
         time.sleep(_LOOK_EVERY)
     os._exit(1)

@@ -53,7 +53,7 @@ from tables.tables import MODEL, TRUTH
 from tables.workdirs import Run, digest, read_stored
 
 _SEED = 0  # seed of all random draws, so that all rows, runs and look-aheads are scored alike
-_TRAINING_CLIPS = 200  # whose motion gives the usual changes and limits of angles
+_TRAINING_CLIPS = 200  # clips whose motion gives the usual changes and limits of angles
 
 
 def score_run(run: Run, plan: TablePlan, request: Request) -> None:
@@ -242,7 +242,7 @@ def leave_one_out(row: CauseRow, recordings: Sequence[str]) -> dict[str, dict[st
     """Return the scores of `known_scores`, of all clips and without each recording in turn.
 
     Args:
-        row: what is found in one motion of each clip, with the chance level.
+        row: measurements of one motion of each clip, with the chance level.
 
     Returns:
         {name: {"value", "without": a number for each recording in ascending order}}.

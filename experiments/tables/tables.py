@@ -71,7 +71,7 @@ def estimate(scores: Scores, split: str, metric: str, row: str = MODEL) -> Estim
         metric: name of a metric of `evaluation`, "legacy_..." included; or "talk.NAME" with one of the known
             causes; or "talk.floor" and "talk.above_floor": the better of the two floors of the hand shapes, and how far
             the row is above it.
-        row: `MODEL`, or one that stands beside every model.
+        row: `MODEL`, or a row that is scored with every model.
     """
     result, name = scores["splits"][split], metric.removeprefix("talk.")
     if name == metric:
@@ -127,7 +127,7 @@ def _mean(bounds: Sequence[float | None]) -> float | None:
 
 
 def main_table(table: Table, scores: RowScores, split: str, columns: Mapping[str, str]) -> str:
-    """Write the table of the paper's numbers beside ours, with the rows that stand beside every model.
+    """Write the table of the paper's numbers and ours, with the rows that are scored with every model.
 
     Args:
         scores: name of a row -> seed -> scores.
@@ -283,10 +283,10 @@ def _relative_range(draws: Sequence[float]) -> float:
 
 
 def other_rows(table: Table, scores: RowScores, split: str) -> list[tuple[str, str, Mapping[int, Scores]]]:
-    """Return title, name and scores of the rows that stand beside every model.
+    """Return title, name and scores of the rows that are scored with every model.
 
     The row of mismatched speech is the true motion for the metrics of sound. For those of known causes it is the motion
-    of the reference, and has a title of its own.
+    of the reference, and has its own title.
     """
     one = next(iter(any_row(scores).values()), None)
     if one is None:

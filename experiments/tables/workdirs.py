@@ -1,4 +1,4 @@
-"""Read what a run has left in its workdir: whether it is finished, its checkpoint, its metrics, its scores."""
+"""Read the state of a run from its workdir: whether it is finished, its checkpoint, its metrics, its scores."""
 
 import hashlib
 import itertools
@@ -14,7 +14,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import file_sha256
 from ha2g_jax.train.workdir import METRICS, VALIDATION_PREFIX, read_metrics
 
-_SPEED = "windows_per_second"  # of the steps since the line of metrics before
+_SPEED = "windows_per_second"  # over the steps since the previous line of metrics
 
 _HASH_DIGITS = 10
 _TAIL = 4096  # bytes at the end of metrics.jsonl that contain its last line
@@ -24,7 +24,7 @@ class Run(NamedTuple):
     """One training, of a row with one seed, of a point of a grid, or of the auto-encoder.
 
     Attributes:
-        changed: settings that were asked for beside those of the method: dotted name -> value.
+        changed: settings that were requested in addition to those of the method: dotted name -> value.
     """
 
     name: str
@@ -136,7 +136,7 @@ def scores_file(run: Run, kind: str, causes: Sequence[Any]) -> pathlib.Path | No
     """Return the path of scores of a run, whose name has a hash of the weights and of all else they depend on.
 
     Args:
-        causes: values of JSON that the scores depend on, beside the checkpoint.
+        causes: values of JSON that the scores depend on, besides the checkpoint.
 
     Returns:
         The path, or None without a checkpoint.
