@@ -154,7 +154,7 @@ def reproduce(
 
 
 def _write_factorial(results: Results, out: pathlib.Path) -> bool:
-    """Write the page of the factorial study with its numbers, say what is there, and return whether no run failed."""
+    """Write the page of the factorial study with its numbers, print a summary, and return whether no run failed."""
     request, plan, records, failures, _ = results
     numbers = out.with_suffix(".csv")
     if results.scores:
@@ -174,7 +174,7 @@ def _fill(request: Request, plan: TablePlan, perform: Callable[[Run, int, Stop],
             raise UserError(f"the pose auto-encoder was not trained: {failed[plan.autoencoder.name]}")
     elif autoencoder.scored_step is None:
         raise UserError(f"no pose auto-encoder in {plan.autoencoder.workdir}; leave out --no-train to train one")
-    # The gate of the factorial study is passed before any comparison; the page has all seeds, whichever are asked for.
+    # The gate of the factorial study is passed before any comparison; the page has all seeds, not only the requested.
     gate = [plan.rows[row][0] for row in factorial.GATE_ROWS] if request.table == factorial.TABLE else []
     missing = {run.name: run for run in plan.runs if read_record(run, plan, request).scores is None}
     skipped = [name for name, run in missing.items() if run.seed not in request.seeds and run not in gate]
@@ -218,7 +218,7 @@ def corpus_page(name: str, path: str | os.PathLike, command: str) -> str:
     """Write the page of Table 5 or 10 for a corpus: its statistics beside those that the paper gives.
 
     Raises:
-        UserError: there is no corpus, a record cannot be used, or Table 10 is asked for without a training split.
+        UserError: there is no corpus, a record cannot be used, or Table 10 is requested without a training split.
     """
     found = summarise(path)
     if name == "table10" and not found["training"]:

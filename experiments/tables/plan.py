@@ -324,7 +324,7 @@ def corpus_path(request: Request) -> pathlib.Path:
 
 
 def _run(request: Request, plan: Plan, method: str, changes: Mapping[str, Any], row: str, seed: int) -> Run:
-    """Return a run whose name has that of the row, or only that of the method for the method's own settings."""
+    """Return a run, named after the row, or only after the method if it has the method's own settings."""
     more = {"data.path": str(plan.corpus.path), "seed": seed}
     asked = dict(request.changes)
     if changes.get("model.audio.kind") != "whisper":

@@ -116,7 +116,7 @@ def _endpoint() -> str | None:
 
 
 def _check_files(name: str, sizes: dict[str, int | None]) -> None:
-    """Check that each file of a model folder is there, and not too large."""
+    """Check that each file of a model folder exists and is not too large."""
     for file, most in FILES.items():
         size = sizes.get(file, -1)
         if size == -1:

@@ -84,7 +84,7 @@ def _is_workdir(folder: pathlib.Path) -> bool:
 
 
 def _load_checkpoint(workdir: pathlib.Path, path: pathlib.Path) -> LoadedModel:
-    """Load the checkpoint that `path`, a workdir or a folder in it, stands for."""
+    """Load the checkpoint to which `path`, a workdir or a folder in it, refers."""
     from ha2g_jax.checkpoint.checkpoints import Checkpoints  # Orbax takes seconds to import; the demo does without
 
     config, assets = read_description(workdir)

@@ -68,7 +68,7 @@ def publish(
 def write_card(model: LoadedModel, repository: str, licence: str, hashes: dict[str, str], scores: str = "") -> str:
     """Return the text of a model card: what the Hub reads, how to use the model, what it is, its scores and hashes.
 
-    The hashes are the SHA-256 of each file, the scores Markdown, "" for none.
+    The hashes are the SHA-256 of each file; the scores are Markdown, "" for none.
     """
     spec, flat = model.spec, weights.flatten(model.variables)
     parameters = sum(leaf.size for path, leaf in flat.items() if path.startswith("params"))

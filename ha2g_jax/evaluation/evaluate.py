@@ -87,8 +87,8 @@ def evaluate(
 ) -> dict[str, Any]:
     """Measure all registered metrics of methods on the same clips; `table` prints them.
 
-    The rows of `sanity.SANITY_ROWS` are always there. An interval is the 95 % percentile interval under resampling of
-    the recordings; the same recordings are drawn for all rows.
+    The rows of `sanity.SANITY_ROWS` are always included. An interval is the 95 % percentile interval under resampling
+    of the recordings; the same recordings are drawn for all rows.
 
     Args:
         rows: clip results of each method. A clip may have several, such as those of several seeds.
@@ -108,8 +108,9 @@ def evaluate(
         "flags", "warnings" and "notes"; "legacy_v1" on demand.
 
     Raises:
-        UserError: no method, no clip that all have, vectors that are not of length 1, an auto-encoder of another
-            skeleton or frame rate, or legacy scores of motion that is not at 15 frames per second.
+        UserError: there is no method or no clip that all of them have, vectors are not of length 1, the auto-encoder
+            has another skeleton or frame rate, or legacy scores are requested at a rate other than 15 frames per
+            second.
     """
     if not rows or not reference:
         raise UserError("nothing to evaluate; give the motion of at least one method and of the reference")

@@ -98,33 +98,33 @@ def score_known_causes(
 ) -> dict[str, dict[str, Any]]:
     """Score a model against the strokes, words and styles that cause the motion of a Talk corpus.
 
-    Each split has the rows "model", "model, no words" (of a model that reads words: without the transcript), "teacher"
+    Each split has the rows "model", "model, no words" (for a model that reads words: without the transcript), "teacher"
     (the ceiling: the teacher with other noise), "mean pose", "mismatched speech" (the model's motion for up to
-    `MISMATCHES` clips of other recordings), "teacher, one take" (of takes alone, see `talk_takes.compare_takes`),
-    "majority" and "shuffled" (floors of the hand shapes). Stroke recall is the ratio of the strokes caused by the sound
-    that a motion beat meets within 0.1 s; precision is the ratio of the motion beats that meet a beat of the true
-    motion, whatever causes it. In the strict F1 a motion beat that is caused by a word is wrong. A gain is the model's
-    F1 less that of mismatched speech, with the error of the paired difference. The accuracy of the linear probe on
-    frozen f_high is of HA2G alone, if words of the training split have several classes; "majority" has that of the most
-    frequent class.
+    `MISMATCHES` clips of other recordings), "teacher, one take" (only for takes, see `talk_takes.compare_takes`),
+    "majority" and "shuffled" (floors of the hand shapes). Stroke recall is the fraction of the strokes caused by the
+    sound that a motion beat matches within 0.1 s; precision is the fraction of the motion beats that match a beat of
+    the true motion, whatever its cause. In the strict F1 a motion beat that is caused by a word is wrong. A gain is the
+    model's F1 minus that of mismatched speech, with the error of the paired difference. The accuracy of the linear
+    probe on frozen f_high is given only for HA2G, if words of the training split have several classes; "majority" has
+    that of always choosing the most frequent class.
 
-    The model takes the style of each clip from the clip's own reference frames, or from the speaker's name; `seed` is
-    that of start poses, of the teacher's noise and of the samples of clips.
+    The style of each clip is that of its own reference images, or of the speaker's name; `seed` determines start poses,
+    the noise of the teacher and the samples of clips.
 
     Args:
-        limits: name of each split to score -> greatest number of clips, drawn at random; None for all.
+        limits: name of each split to score -> maximum number of clips, drawn at random; None for all.
         look_ahead: frames of speech that a stream hears beyond each frame; None for motion of whole clips.
-        by_speaker: metrics that are measured without each speaker in turn, too.
+        by_speaker: metrics that are also measured without each speaker in turn.
         streams: name of a split -> what `clip_result.generated` returned for it with this limit, seed and look-ahead;
             other splits are generated here. Motion of whole clips cannot be given: it has the first poses of the clips.
 
     Returns:
         {split: {"rows": {row: {metric: {"value", "low", "high", "error"}}}, "without_speakers": {metric: {speaker:
         value}}, "counts", "notes"}}; the error is a standard error by clip, for the style by speaker, None where
-        undefined. The values without a speaker are of the row "model".
+        undefined. The values without a speaker are those of the row "model".
 
     Raises:
-        UserError: no such split; a corpus without known strokes or of another skeleton or frame rate.
+        UserError: there is no such split, or the corpus has no known strokes or another skeleton or frame rate.
     """
     check_fit(model, corpus)
     chosen = {}
@@ -318,7 +318,7 @@ def beat_counts(trials: Sequence[Trial], fps: float, first_frame: int) -> np.nda
 
 
 def word_shapes(trials: Sequence[Trial], fps: float, first_frame: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return what hands show at the gesture-bearing words: shapes, flexions and clips of words of a `CauseRow`."""
+    """Return the hand shapes, flexions and clips of a `CauseRow` at the gesture-bearing words."""
     shapes, flexions, clips = [], [], []
     for trial in trials:
         start, end = _shared_time(trial, fps, first_frame)

@@ -44,7 +44,7 @@ _RAISED = (0.2, 0.96, 0.15), (-0.7, -0.4, 0.6)
 
 
 class RunningStates:
-    """The movement that states add to the frames of a motion that goes on.
+    """The movement that states add to the frames of an ongoing motion.
 
     Attributes:
         state: one of `STATES`; "auto" listens while the other speaks and idles otherwise. "think" becomes "auto" with
@@ -54,7 +54,7 @@ class RunningStates:
     def __init__(self, skeleton: Skeleton, fps: float, seed: int):
         self._skeleton, self._fps, self._seed = skeleton, fps, seed
         self._ramp: Ease | None = None  # begins at the first frame
-        self._weight = 0.0  # of the speech, in the frame before
+        self._weight = 0.0  # weight of the speech in the previous frame
         self._thought = POSTURES["think"]
         self._num_thoughts = 0
         self._state = "auto"
@@ -96,7 +96,7 @@ class RunningStates:
         return self._moved(frame, number, amounts, nod, arms) if amounts.any() else frame
 
     def copy(self) -> "RunningStates":
-        """Return states that go on from the same frame."""
+        """Return a copy that continues from the same frame."""
         other = copy.copy(self)
         other._ramp = copy.copy(self._ramp)
         return other

@@ -50,7 +50,7 @@ _REMEMBERED_SECONDS = 60  # length of the returned frames to which `Stream.clear
 
 
 class _Frame(NamedTuple):
-    """A frame before its controls, with how much its time belongs to the agent's speech and to the other's."""
+    """A frame before its controls: pose, weight of the agent's speech, whether the other speaks, and depth of a nod."""
 
     pose: np.ndarray
     weight: float
@@ -140,7 +140,7 @@ class Stream:
         self._num_samples = self._num_made = self._num_returned = 0
         self._held: list[_Frame] = []  # frames that were made
         self._expected = [_Frame(pose, 0.0) for pose in self._past[self._join.first :]]  # as the next ones may become
-        self._dropped, self._first_dropped = self._past[:0], 0  # poses of frames from which a clear goes on
+        self._dropped, self._first_dropped = self._past[:0], 0  # poses that `clear` dropped, to ease from
         recent = [_Returned(pose, self._layers) for pose in self._past[: self._join.first]]
         self._recent = collections.deque(recent, self._join.first + _REMEMBERED_SECONDS * self.fps)
         self._is_ended = False

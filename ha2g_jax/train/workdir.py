@@ -100,7 +100,7 @@ def is_training(workdir: pathlib.Path) -> bool:
     """Return whether a process trains in a workdir, as far as this host sees its lock; see `only_run`.
 
     Raises:
-        OSError: the lock cannot be opened, as that of another user.
+        OSError: the lock cannot be opened, for example because it belongs to another user.
     """
     if not (workdir / LOCK).exists():
         return False

@@ -86,7 +86,7 @@ def view(
     Args:
         motions: one motion, or several by name, in order from left to right.
         audio: (samples,) float32 mono sound; None for silence.
-        camera: one of `figure.CAMERAS`, as of `write_video`.
+        camera: one of `figure.CAMERAS`, as for `write_video`.
 
     Raises:
         UserError: there is no motion, there are too many, or one is too long or not valid (see `Motion.check`), the
@@ -129,7 +129,7 @@ def _check(motions: Mapping[str, Motion]) -> None:
     for motion in motions.values():
         motion.check()
     frames = sum(motion.num_frames for motion in motions.values())
-    if frames > MAX_MOTION_FRAMES:  # a page of so many has about 100 MB
+    if frames > MAX_MOTION_FRAMES:  # a page with this many has about 100 MB
         raise UserError(
             f"{frames} frames for one page; expected at most {MAX_MOTION_FRAMES}, cut the motion into parts"
         )
@@ -236,7 +236,7 @@ def figure_message(skeleton: Skeleton, fps: float) -> dict[str, Any]:
 
 
 def frames_message(first: int, directions: np.ndarray) -> dict[str, Any]:
-    """Return a message, as those of `/v1/stream`, with frames (n, bones, 3) of unit vectors in the skeleton's axes."""
+    """Return a message like those of `/v1/stream`, with frames (n, bones, 3) of unit vectors in the skeleton's axes."""
     rows = directions.reshape(len(directions), -1).astype(np.float64)
     return {"first": first, "frames": np.round(rows, _DECIMALS).tolist()}
 

@@ -22,7 +22,7 @@ class StopFlag:
     """Request to end a run; a flag that a signal handler may set at any moment.
 
     Attributes:
-        signal: number of the signal that asked for it, 0 without one.
+        signal: number of the signal that requested it, 0 without one.
     """
 
     def __init__(self) -> None:

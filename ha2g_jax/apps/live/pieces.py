@@ -177,7 +177,7 @@ class Decoder:
 
 
 def _is_mp3(head: bytes) -> bool:
-    """Return whether bytes begin with a frame of MP3 without a tag, and go on with another one."""
+    """Return whether bytes begin with a frame of MP3 without a tag, and continue with another one."""
     if len(head) < 4 or head[0] != 0xFF or head[1] >> 5 != 0b111 or head[1] >> 1 & 3 != 1:
         return False
     version, kbps, rate = head[1] >> 3 & 3, (head[2] >> 4) - 1, head[2] >> 2 & 3

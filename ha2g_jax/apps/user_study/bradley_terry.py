@@ -37,7 +37,7 @@ class Strengths(NamedTuple):
 
 
 def wins_of(choices: Choices, num_systems: int, groups: np.ndarray) -> np.ndarray:
-    """Count the wins (groups, S, S) of the row over the column, by the group (n,) of each choice; ties are none."""
+    """Count the wins (groups, S, S) of the row over the column, by the group (n,) of each choice; ties do not count."""
     wins = np.zeros((groups.max(initial=0) + 1, num_systems, num_systems))
     np.add.at(wins, (groups, choices.first, choices.second), choices.outcome == 1)
     np.add.at(wins, (groups, choices.second, choices.first), choices.outcome == -1)

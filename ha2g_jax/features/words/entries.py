@@ -191,7 +191,7 @@ def parse_table(text: str, path: pathlib.Path) -> list[Tier]:
     tiers: dict[str, list[Stretch]] = {}
     for number, row in rows:
         if len(row) > len(header) and columns.get("text", (-1,))[0] == len(header) - 1:
-            row[len(header) - 1 :] = [", ".join(row[len(header) - 1 :])]  # commas of a text that is not quoted
+            row[len(header) - 1 :] = [", ".join(row[len(header) - 1 :])]  # commas in a text without quotes
         try:
             for place, tier in others.items():
                 if tier and not row[place].strip():

@@ -73,7 +73,7 @@ def _named(video: pathlib.Path) -> Iterator[None]:
     try:
         yield
     except FFmpegError as error:
-        if isinstance(error, OSError):  # as of a full disk
+        if isinstance(error, OSError):  # such as a full disk
             raise
         raise UserError(f"{shown(video)} has times that no mp4 has ({reason(error).lower()}); convert it") from error
 

@@ -245,7 +245,7 @@ def _find_python(python: str | os.PathLike | None) -> str:
     candidates = [os.fspath(python)] if python is not None else [sys.executable, *names]
     for candidate in candidates:
         path = shutil.which(candidate)
-        # The interpreter is asked for its path, because a name on PATH may be a script that selects one.
+        # Ask the interpreter for its path, because a name on PATH may be a script that selects one.
         code = "import sys; print(*sys.version_info[:2], sys.executable)"
         answer = subprocess.run([path, "-I", "-c", code], capture_output=True, text=True, check=False) if path else None
         words = answer.stdout.strip().split(" ", 2) if answer else []

@@ -128,7 +128,7 @@ def partners(
 
     A clip is drawn at most once. If fewer than `num` last as long, the longest of the shorter ones are added. The draw
     does not depend on the motion, so methods that are compared on the same clips get the same partners. The result
-    (n, num) has the indices of clips, -1 if another recording has too few.
+    (n, num) has the indices of clips, -1 where other recordings have too few.
     """
     rng = np.random.default_rng(seed)
     _, codes = np.unique(np.asarray(recordings), return_inverse=True)

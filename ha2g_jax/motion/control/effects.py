@@ -1,4 +1,4 @@
-"""Application of controls, one pure function for each, and of controls that change while a motion goes on.
+"""Application of controls, one pure function for each, and of controls that change during an ongoing motion.
 
 With a neutral setting each function returns its input. Directions are (T, bones, 3) float32 unit vectors, in and out;
 frame k shows the time k / fps.

@@ -108,10 +108,10 @@ def read_motion(
         reading: what is known about the file, see `Reading`; options that its kind does not use have no effect.
 
     Returns:
-        The motion; `meta["read_from"]` says of a third-party file how it was read: "kind", "fps" of the file and more.
+        The motion; for a third-party file `meta["read_from"]` says how it was read: "kind", "fps" of the file and more.
 
     Raises:
-        UserError: the file cannot be read, is of no kind, does not hold a motion, or lacks joints of the skeleton; or
+        UserError: the file cannot be read, is of an unknown kind, holds no motion, or lacks joints of the skeleton; or
             there is no such skeleton.
     """
     if skeleton not in (None, *SKELETONS):

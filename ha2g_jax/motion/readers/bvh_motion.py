@@ -76,7 +76,7 @@ def world_motion(bvh: Bvh, fps: float, joints: Sequence[int]) -> tuple[np.ndarra
     # A slow file has many frames of the result between the same two of its own, which are converted once.
     starts, place_of = np.unique(np.floor(moments).astype(int), return_inverse=True)
     weight = (moments - starts[place_of])[:, None]
-    # The rotation of a joint matters if it is asked for or moves another joint.
+    # The rotation of a joint matters if it is requested or moves another joint.
     above = {bvh.parents[joint] for joint in needed} | {*joints}
     places: dict[int, np.ndarray] = {}
     rotations: dict[int, np.ndarray] = {}
@@ -140,7 +140,7 @@ class BvhMotion(NamedTuple):
         joint_map: name of the joint map that was used.
         unit: metres in one unit of the file.
         up: axis of the file that points up.
-        lower: pelvis and legs, None where they are not asked for or the file has none.
+        lower: pelvis and legs, None if they are not requested or the file has none.
     """
 
     positions: np.ndarray

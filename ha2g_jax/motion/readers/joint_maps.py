@@ -218,7 +218,7 @@ def _find(joint_map: JointMap, joints: Sequence[str], wanted: Sequence[str]) -> 
 
 
 def _without_numbers(joints: Sequence[str]) -> Sequence[str]:
-    """Return the names of joints without the number that Sketchfab puts behind each, as in LeftHand_011."""
+    """Return the names of joints without the number that Sketchfab appends to each, as in LeftHand_011."""
     plain = [_NUMBER.sub("", joint) for joint in joints]
     is_numbered = 2 * sum(name != joint for name, joint in zip(plain, joints, strict=True)) > len(joints)
     return plain if is_numbered and len(set(plain)) == len(plain) else joints
@@ -227,8 +227,8 @@ def _without_numbers(joints: Sequence[str]) -> Sequence[str]:
 def _affixes(joint_map: JointMap, joints: Sequence[str]) -> list[tuple[str, str]]:
     """Return the prefixes and suffixes of the names of the map in the joints of a file.
 
-    These are the most frequent pair and those that are more than half as frequent, as of a second person in the file;
-    a pair that one joint alone has is none.
+    These are the most frequent pair and those that are more than half as frequent, such as that of a second person in
+    the file; a pair that only one joint has does not count.
     """
     names = {_bare(name) for several in joint_map.names.values() for name in several} - {""}
     counts: collections.Counter[tuple[str, str]] = collections.Counter()
