@@ -101,7 +101,7 @@ def combine(runs: Sequence[Measured]) -> Mean:
 
 
 def jackknife_variance(without: np.ndarray) -> float:
-    """Compute the variance of a score due to the choice of groups from the scores (groups,) without each; 0 for none."""
+    """Compute the variance of a score due to the groups, from the scores (groups,) without each; 0 if empty."""
     count = len(without)
     return float((count - 1) / count * np.sum(np.square(without - without.mean()))) if count else 0.0
 
