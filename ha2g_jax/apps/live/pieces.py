@@ -97,11 +97,15 @@ class Decoder:
         self._stated, self._rest, self._left = rate, b"", sys.maxsize
         self._form: dict[str, Any] = {}  # of the sound, as soon as it is known
         self._width, self._resampler = 2 * channels, None
-        self._is_cleared = False
+        self._is_wav = self._is_cleared = False
 
     def clear(self) -> None:
-        """Expect that the sound of a WAV is cut off: the next bytes may begin another one."""
+        """Expect that the sound is cut off: the next bytes of raw PCM begin a sample, and those of a WAV may begin
+        another one.
+        """
         self._is_cleared = True
+        if not self._is_wav:
+            self._rest = b""
 
     def decode(self, data: bytes, *, is_last: bool = False) -> np.ndarray:
         """Return the samples float32 of further bytes.
@@ -145,7 +149,8 @@ class Decoder:
         if other := other or ("MP3" if _is_mp3(head) else None):
             raise UserError(f"what is sent is {other}; send WAV or raw PCM, or give the file to --source")
         form = {"samplerate": self._stated or SAMPLE_RATE, "channels": self._channels, "subtype": "PCM_16"}
-        if head.startswith(b"RIFF") and head[8:12] == b"WAVE":
+        self._is_wav = head.startswith(b"RIFF") and head[8:12] == b"WAVE"
+        if self._is_wav:
             start = 12
             while head[start : start + 4] != b"data" and start < len(head):
                 if head[start : start + 4] == b"fmt ":

@@ -127,6 +127,16 @@ def test_a_wav_that_goes_on_after_a_clear_keeps_its_form():
     np.testing.assert_allclose(np.concatenate([before, after])[200:15000], tone(16000)[200:15000], atol=0.01)
 
 
+@pytest.mark.parametrize("channels", [1, 2])
+def test_after_a_clear_the_next_byte_of_raw_pcm_begins_a_sample(channels):
+    """What was interrupted ends in the middle of the samples of a moment."""
+    content, decoder = pcm(np.repeat(tone(16000)[:, None], channels, axis=1)), Decoder(16000, channels)
+    decoder.decode(content[:1001])
+    decoder.clear()
+    sound = decoder.decode(content).reshape(-1, channels)
+    np.testing.assert_allclose(sound, np.repeat(tone(16000)[:, None], channels, axis=1), atol=1e-4)
+
+
 @pytest.mark.parametrize(("place", "value"), [(32, 0), (32, 3), (24, 1)])
 def test_a_header_that_cannot_be_is_refused(place, value):
     """Without a size of its samples, with one of half a sample, or with one sample a second."""
