@@ -1,14 +1,17 @@
 """Pieces of sound that arrive: decoding of their bytes, resampling to 16 kHz, and requests between them."""
 
+import collections
 import io
 import re
 import sys
+from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 import soundfile
 import soxr
 
+from ha2g_jax.apps.live.clock import Clock
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.files.reading import reason
@@ -55,6 +58,25 @@ class Chunk(NamedTuple):
     heard: float
     other: np.ndarray | None = None
     change: Change | None = None
+
+
+def held_back(chunks: Iterable[Chunk], seconds: float, clock: Clock) -> Iterator[Chunk]:
+    """Yield chunks in their order, `seconds` after they are heard, or at the end of the sound.
+
+    A clear is yielded at once: the agent's sound that is held back becomes silence, and cues among it are dropped.
+    """
+    waiting = collections.deque[Chunk]()
+    for chunk in chunks:
+        if chunk.change is not None and chunk.change.clear:
+            for index, (samples, _, _, change) in enumerate(waiting):
+                change = None if change is None else change._replace(cue=None)
+                waiting[index] = waiting[index]._replace(samples=np.zeros_like(samples), change=change)
+            yield chunk
+        else:
+            waiting.append(chunk)
+        while waiting and waiting[0].heard + seconds <= clock.now():
+            yield waiting.popleft()
+    yield from waiting
 
 
 class Resampler:

@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 from ha2g_jax.apps.live.clock import Clock, StopFlag, Timeline
 from ha2g_jax.apps.live.frames import Frame, Interpolation, Rigs
-from ha2g_jax.apps.live.pieces import Change
+from ha2g_jax.apps.live.pieces import Change, held_back
 from ha2g_jax.apps.live.sender import Meter, Sender
 from ha2g_jax.apps.live.sinks import Sinks
 from ha2g_jax.apps.live.sources import Source
@@ -30,6 +30,7 @@ from ha2g_jax.synthesis.style import RANDOM
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _LONGEST_DELAY = 10.0  # seconds
+_READY = 0.2  # seconds before its time at which a frame is computed, where the delay allows it
 _METER_SECONDS = 1.0  # between two values of the meter
 _REMEMBERED_SECONDS = 5.0  # of the times of the sound, beyond the latency
 
@@ -141,9 +142,10 @@ def _follow(
             sender.put(frame, stop)
 
     tqdm.write(f"listening to {source.name}", file=sys.stderr)
+    held = delay - latency - _READY if source.is_timed else 0.0
     with progress_bar("live") as bar, contextlib.closing(source.chunks(clock, stop)) as chunks:
         shown = clock.now()
-        for chunk in chunks:
+        for chunk in held_back(chunks, held, clock) if held > 0 else chunks:
             timeline.add(len(chunk.samples), chunk.heard)
             if chunk.change is not None:
                 _change(stream, chunk.change)

@@ -71,6 +71,27 @@ def test_a_cue_too_many_is_one_line_and_the_run_goes_on(debug_model, capsys):
     assert capsys.readouterr().err.count("64 cues wait to be made; give nod when one of them has begun") == 1
 
 
+def test_with_a_delay_a_clear_drops_sound_whose_frames_have_not_been_sent(speaking_model, clock, monkeypatch):
+    """Frames are computed at most 0.2 s before they are sent, so that the sound of later ones has not been taken."""
+    taken, start = [], clock.now()
+
+    class Source:
+        name, is_timed, lost_seconds = "a test", True, 0.0
+
+        def chunks(self, clock, stop):
+            for number in range(70):
+                clock.time = heard = start + 0.02 * number
+                if number == 50:
+                    yield Chunk(np.zeros(0, np.float32), heard, change=Change(clear=True))
+                yield Chunk(np.zeros(320, np.float32), heard)
+
+    monkeypatch.setattr(run, "Clock", lambda: clock)
+    monkeypatch.setattr(FakeStream, "clear", lambda stream: taken.append(stream.heard / 16000), raising=False)
+    meter = run.run(speaking_model, Source(), Sinks((), ()), look_ahead=0, hop=1, delay=0.6)
+    assert taken == [pytest.approx(1 - (0.6 - 1 / FPS - 0.2), abs=0.02)]
+    assert (meter.computed, meter.sound_seconds) == (21, pytest.approx(1.4))
+
+
 def test_a_recording_ends_where_files_of_motion_do(live, speech, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(run, "MAX_MOTION_SECONDS", 0.4)
     assert live("--source", speech, "--fast", "--sink", tmp_path / "a.npz") == 0

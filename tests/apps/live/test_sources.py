@@ -17,7 +17,7 @@ from websockets.sync.client import connect
 from ha2g_jax.apps.live import sources
 from ha2g_jax.apps.live.clock import Clock, StopFlag, Timeline
 from ha2g_jax.apps.live.network import read_address
-from ha2g_jax.apps.live.pieces import Change, Decoder, Resampler
+from ha2g_jax.apps.live.pieces import Change, Chunk, Decoder, Resampler, held_back
 from ha2g_jax.apps.live.sources import FileSource, open_source
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion.cues import Cue
@@ -431,6 +431,26 @@ def test_a_clear_drops_the_sound_that_waits(clock, rate):
     for chunk in before:
         if chunk.other is not None:
             np.testing.assert_allclose(chunk.other, -chunk.samples, atol=1e-6)
+
+
+def test_sound_that_is_held_back_becomes_silence_at_a_clear_but_not_that_of_the_other(clock):
+    def heard():
+        for number in range(10):
+            clock.time = 100 + 0.1 * number + 0.01
+            if number == 5:
+                yield Chunk(np.zeros(0, np.float32), 100.5, change=Change(clear=True))
+            change = {3: Change(cue=Cue("nod")), 4: Change(muted=True)}.get(number)
+            sound = np.full(1600, number + 1, np.float32)
+            yield Chunk(sound, 100 + 0.1 * number, -sound, change)
+
+    told = [(chunk, clock.now()) for chunk in held_back(heard(), 0.2, clock)]
+    assert all(now >= 100.9 or now - 0.2 >= chunk.heard for chunk, now in told if chunk.other is not None)
+    place = next(index for index, (chunk, _) in enumerate(told) if chunk.change == Change(clear=True))
+    assert (place, told.pop(place)[1]) == (3, pytest.approx(100.51))
+    chunks = [chunk for chunk, _ in told]
+    assert [chunk.samples[0] for chunk in chunks] == [1, 2, 3, 0, 0, 6, 7, 8, 9, 10]
+    assert [-chunk.other[0] for chunk in chunks if chunk.other is not None] == list(range(1, 11))
+    assert [chunk.change for chunk in chunks if chunk.change not in (None, Change())] == [Change(muted=True)]
 
 
 def wait_for(condition):
