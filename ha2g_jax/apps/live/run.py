@@ -141,7 +141,6 @@ def _follow(
             meter.compute_seconds += clock.now() - before
             sender.put(frame, stop)
 
-    tqdm.write(f"listening to {source.name}", file=sys.stderr)
     held = delay - latency - _READY if source.is_timed else 0.0
     with progress_bar("live") as bar, contextlib.closing(source.chunks(clock, stop)) as chunks:
         shown = clock.now()

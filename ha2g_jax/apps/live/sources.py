@@ -62,7 +62,7 @@ class Source(Protocol):
         ...
 
     def chunks(self, clock: Clock, stop: StopFlag) -> Generator[Chunk, None, None]:
-        """Yield the sound as it is heard, until its end or until the run is to stop."""
+        """Say that it listens, and yield the sound as it is heard, until its end or until the run is to stop."""
         ...
 
 
@@ -83,6 +83,7 @@ class FileSource:
 
     def chunks(self, clock: Clock, stop: StopFlag) -> Generator[Chunk, None, None]:
         size, start = round(CHUNK_SECONDS * SAMPLE_RATE), clock.now()
+        _say_listening(self.name)
         for first in range(0, len(self._samples), size):
             samples = self._samples[first : first + size]
             other = None if self._other is None else self._other[first : first + size]
@@ -219,6 +220,7 @@ class PipeSource:
         with contextlib.closing(Inbox(self._rate or SAMPLE_RATE, clock, self._channels)) as inbox:
             # It may wait for input for ever, and does not keep the program from ending.
             threading.Thread(target=self._read, args=(inbox,), daemon=True).start()
+            _say_listening(self.name)
             yield from inbox.chunks(stop)
 
     def _read(self, inbox: Inbox) -> None:
@@ -248,6 +250,7 @@ class WebSocketSource:
     def chunks(self, clock: Clock, stop: StopFlag) -> Generator[Chunk, None, None]:
         inbox = Inbox(self._rate or SAMPLE_RATE, clock, self._channels)
         with serving(self._address, lambda connection: self._receive(connection, inbox)), contextlib.closing(inbox):
+            _say_listening(self.name)
             yield from inbox.chunks(stop)
 
     def _receive(self, connection: Any, inbox: Inbox) -> None:
@@ -350,6 +353,7 @@ class MicrophoneSource:
                 )
                 stack.enter_context(contextlib.closing(stream))
                 stream.start()
+            _say_listening(self.name)
             yield from self._captured(clock, stop)
 
     def _captured(self, clock: Clock, stop: StopFlag) -> Generator[Chunk, None, None]:
@@ -372,6 +376,10 @@ class MicrophoneSource:
             yield
         except (self._library.PortAudioError, ValueError) as error:
             raise UserError(f"no microphone can be used ({shown(str(error))}); connect one, or use stdin") from error
+
+
+def _say_listening(name: str) -> None:
+    tqdm.write(f"listening to {name}", file=sys.stderr)
 
 
 def open_source(text: str, rate: int | None = None, is_fast: bool = False, channels: int = 1) -> Source:

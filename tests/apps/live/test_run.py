@@ -45,7 +45,7 @@ def test_a_recording_has_all_frames_and_says_how_they_were_made(live, speech, tm
     captured = capsys.readouterr()
     summary = json.loads(captured.out)
     assert (summary["frames"], summary["sound_seconds"], summary["dropped"]) == (11, 0.75, 0)
-    assert "ha2g live: 0.8 s heard, 11 frames" in captured.err
+    assert "listening to speech.wav\n" in captured.err and "ha2g live: 0.8 s heard, 11 frames" in captured.err
 
 
 def test_in_real_time_frames_arrive_after_the_latency_and_the_motion_is_the_same(live, receiver, speech, tmp_path):

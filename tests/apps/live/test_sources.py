@@ -2,6 +2,7 @@
 
 import io
 import json
+import socket
 import subprocess
 import sys
 import threading
@@ -331,6 +332,18 @@ def test_a_websocket_takes_binary_messages_of_one_sender(listening):
         time.sleep(0.01)
     sound = joined([chunk for chunk in chunks if chunk.samples.any()])  # silence may be heard between the messages
     np.testing.assert_allclose(sound[:16000], tone(16000), atol=1e-4)
+
+
+def test_a_websocket_source_says_when_it_listens(free_port, clock, monkeypatch):
+    address, said = read_address(f"ws://127.0.0.1:{free_port()}"), []
+
+    def reach(name):
+        socket.create_connection((address.host, address.port)).close()
+        said.append(name)
+
+    monkeypatch.setattr(sources, "_say_listening", reach)
+    take(sources.WebSocketSource(address, 16000), clock, 0.1)
+    assert said == [str(address)]
 
 
 def test_a_sender_that_vanished_gives_its_place_to_the_next_one(listening, monkeypatch):
