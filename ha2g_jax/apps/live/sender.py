@@ -29,7 +29,7 @@ class Meter:
     Attributes:
         computed: frames that the model computed; those sent, late or dropped have the rate of the sinks.
         late: sent frames that left more than a hop after their time.
-        dropped: frames that were not sent, because they were more than a second late.
+        dropped: frames that were not sent, because they were more than a second late or no sink could take them.
         lost_seconds: seconds of sound that were lost, see `Source.lost_seconds`.
     """
 
@@ -147,17 +147,21 @@ class Sender:
         now = self._clock.now()
         if now - due > TOO_LATE:
             self._meter.dropped += 1
-            return
-        self._meter.late += now - due > self._allowed
-        self._send(frame)
-        self._meter.count_latency(now - frame.heard)
+        elif self._send(frame):
+            self._meter.late += now - due > self._allowed
+            self._meter.count_latency(now - frame.heard)
 
-    def _send(self, frame: Frame) -> None:
+    def _send(self, frame: Frame) -> bool:
+        """Send a frame to all sinks, and return whether one of them took it."""
+        is_sent = False
         for sink in self._sinks:
             try:
                 sink.send(frame)
+                is_sent = True
             except OSError as error:  # such as a network that is down for a while; reported once
                 if (problem := (sink, reason(error))) not in self._reported:
                     self._reported.add(problem)
                     tqdm.write(f"{sink.name} misses frames: {problem[1].lower()}", file=sys.stderr)
-        self._meter.sent += 1
+        self._meter.sent += is_sent
+        self._meter.dropped += not is_sent
+        return is_sent

@@ -98,9 +98,15 @@ def test_the_computation_waits_while_too_many_frames_wait(clock):
 
 def test_a_network_that_is_down_is_reported_once_and_the_others_go_on(clock, capsys):
     sink = Receiver(clock)
-    send(clock, in_time(5), Receiver(clock, fault=OSError(101, "Network is unreachable")), sink)
-    assert len(sink.taken) == 5
+    meter = send(clock, in_time(5), Receiver(clock, fault=OSError(101, "Network is unreachable")), sink)
+    assert len(sink.taken) == meter.sent == 5
     assert capsys.readouterr().err == "udp://127.0.0.1:9 misses frames: network is unreachable\n"
+
+
+@pytest.mark.parametrize("delay", [None, 0.2])
+def test_frames_that_no_sink_takes_are_dropped(clock, delay):
+    meter = send(clock, in_time(5), Receiver(clock, fault=OSError(101, "Network is unreachable")), delay=delay)
+    assert (meter.sent, meter.late, meter.dropped, meter.latency(0.5)) == (0, 0, 5, None)
 
 
 def test_frames_that_wait_are_left_out_when_the_run_is_to_stop(clock):
