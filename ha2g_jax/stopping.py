@@ -9,6 +9,9 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from typing import NoReturn
 
+STOP_SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+"""Ctrl-C, SIGTERM and, except on Windows, SIGHUP, by which a process learns that its terminal is closed."""
+
 # Python handles a signal between two of its own instructions, and compiling the step is one that may take a minute.
 _PATIENCE = 5.0  # seconds
 
@@ -16,7 +19,7 @@ _PATIENCE = 5.0  # seconds
 @contextlib.contextmanager
 def on_stop_signals(
     handle: Callable[[int], None],
-    numbers: Sequence[signal.Signals] = (signal.SIGTERM, signal.SIGINT),
+    numbers: Sequence[signal.Signals] = STOP_SIGNALS,
     *,
     once: Sequence[signal.Signals] = (),
 ) -> Iterator[None]:
@@ -46,14 +49,13 @@ def on_stop_signals(
 
 
 @contextlib.contextmanager
-def ending_on_sigterm() -> Iterator[None]:
-    """Turn SIGTERM, unless the program handles it itself, into SystemExit 143, so that temporary files are deleted."""
+def ending_on_signals() -> Iterator[None]:
+    """Turn stop signals that would kill the process into SystemExit 128 + number, so that it cleans up."""
 
     def end(number: int) -> NoReturn:
         raise SystemExit(128 + number)
 
-    is_free = signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
-    with on_stop_signals(end, (signal.SIGTERM,)) if is_free else contextlib.nullcontext():
+    with on_stop_signals(end, [n for n in STOP_SIGNALS if signal.getsignal(n) == signal.SIG_DFL]):
         yield
 
 
@@ -100,7 +102,7 @@ class Stop:
 
 @contextlib.contextmanager
 def stop_after_step() -> Iterator[Stop]:
-    """Turn SIGTERM and Ctrl-C into a `Stop`; a second Ctrl-C interrupts at once."""
+    """Turn stop signals into a `Stop`; a second Ctrl-C interrupts at once."""
     stop = Stop()
     if threading.current_thread() is not threading.main_thread():
         yield stop
@@ -125,12 +127,13 @@ def stop_after_step() -> Iterator[Stop]:
 def _watch(receiver: socket.socket, stop: Stop, finished: threading.Event) -> None:
     """End the process if the main thread is busy in a compiler and does not handle the signal itself."""
     while number := receiver.recv(1):
-        if number[0] not in (signal.SIGTERM, signal.SIGINT) or stop.has_begun:
+        if number[0] not in STOP_SIGNALS or stop.has_begun:
             continue
         if not finished.wait(_PATIENCE) and not stop.has_begun:
             stop.leave()
 
 
 def _say_nothing_lost() -> None:
-    sys.stderr.write("stopped before the first step: nothing was lost; the same command continues\n")
-    sys.stderr.flush()
+    with contextlib.suppress(OSError):  # of a terminal that is closed
+        sys.stderr.write("stopped before the first step: nothing was lost; the same command continues\n")
+        sys.stderr.flush()

@@ -7,9 +7,9 @@ import time
 
 import pytest
 
-from ha2g_jax.stopping import stop_after_step
+from ha2g_jax.stopping import on_stop_signals, stop_after_step
 
-SIGNALS = (signal.SIGTERM, signal.SIGINT)
+SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 
 # A process with nothing to save yet; where BUSY, its main thread is where Python cannot answer, as in a compiler.
 PROCESS = """
@@ -33,6 +33,15 @@ def test_a_signal_is_noted_and_the_handlers_come_back(number):
         signal.raise_signal(number)
         assert stop.is_set()
     assert [signal.getsignal(each) for each in SIGNALS] == before
+
+
+def test_a_signal_that_is_ignored_as_under_nohup_stays_ignored():
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with on_stop_signals(lambda number: pytest.fail("it was handled")):
+            signal.raise_signal(signal.SIGHUP)
+    finally:
+        signal.signal(signal.SIGHUP, before)
 
 
 def test_a_second_interrupt_does_not_wait():

@@ -70,7 +70,7 @@ class Stop:
 def stop_signals() -> Iterator[Stop]:
     """Handle SIGTERM, Ctrl-C and a closed terminal (except under nohup) by a `Stop` in this context."""
     stop = Stop()
-    with on_stop_signals(stop.handle, (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)):
+    with on_stop_signals(stop.handle):
         yield stop
 
 

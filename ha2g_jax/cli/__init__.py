@@ -15,7 +15,7 @@ from ha2g_jax.cli.parser import Parser
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.cache import keep_programs
 from ha2g_jax.files.reading import reason, shown
-from ha2g_jax.stopping import ending_on_sigterm
+from ha2g_jax.stopping import ending_on_signals
 
 # Commands by what they are for, in the order of the help.
 GROUPS = {
@@ -59,12 +59,12 @@ def main(argv: list[str] | None = None) -> int:
         0; 1 if `doctor`, `data inspect --check` or `genea check` find an error, if `study analyse` has no participant
         left, or for an error of this program, whose traceback is printed; 2 for a mistake of the user or an error of
         the system, such as a full disk; 130 for Ctrl-C, 141 if the reader of the output has stopped reading, and 143 if
-        `live` is ended by SIGTERM.
+        `live` is ended by SIGTERM, 129 if its terminal is closed.
 
     Raises:
-        SystemExit: SIGTERM ended another command, with code 143.
+        SystemExit: SIGTERM ended another command, with code 143, or a closed terminal did, with code 129.
     """
-    with ending_on_sigterm():
+    with ending_on_signals():
         return _run(current_names(sys.argv[1:] if argv is None else argv), is_process=argv is None)
 
 

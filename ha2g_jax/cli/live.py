@@ -90,7 +90,7 @@ def add_commands(commands: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run until the sound ends, print the counts, and return 0, or the code of SIGTERM if that ended the run.
+    """Run until the sound ends, print the counts, and return 0, or 128 + the number of the signal that ended the run.
 
     Raises:
         KeyboardInterrupt: the run was ended by Ctrl-C; its recording is written.

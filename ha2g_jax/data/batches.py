@@ -17,6 +17,7 @@ from ha2g_jax.data.augment import Augmentation, augment
 from ha2g_jax.data.processes import end_with_parent
 from ha2g_jax.data.windows import Windows
 from ha2g_jax.errors import UserError
+from ha2g_jax.stopping import STOP_SIGNALS
 
 # Decoding releases Python's global lock, so threads decode in parallel; cutting clips in memory does not get faster.
 _THREADS = grain.ReadOptions(num_threads=4, prefetch_buffer_size=4)
@@ -24,7 +25,6 @@ _THREADS = grain.ReadOptions(num_threads=4, prefetch_buffer_size=4)
 _ONE_BY_ONE = grain.ReadOptions(num_threads=0, prefetch_buffer_size=0)
 
 _UNCHANGED = Augmentation()
-_STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _SHARED_MEMORY = pathlib.Path("/dev/shm")  # shared memory of processes on Linux
 
 
@@ -144,13 +144,13 @@ def _check_shared_memory(windows: Windows, batch_size: int, workers: int) -> Non
 
 @contextmanager
 def _stop_signals_blocked() -> Iterator[None]:
-    """Block Ctrl-C and SIGTERM in processes and threads that are started in this context.
+    """Block stop signals in processes and threads that are started in this context.
 
-    Both signals reach all processes of a terminal or of a job. A worker that ended on them would fail the batch that
+    These signals reach all processes of a terminal or of a job. A worker that ended on them would fail the batch that
     its parent may be waiting for; the parent ends its workers when it ends.
     """
     resource_tracker.ensure_running()  # otherwise it is started later and unblocks the signals
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, _STOP_SIGNALS)
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, STOP_SIGNALS)
     try:
         yield
     finally:

@@ -111,23 +111,24 @@ def test_speakers_of_another_model_have_names_only(debug_folder, capsys):
     assert "nothing about how they move" in capsys.readouterr().out
 
 
-def test_sigterm_leaves_nothing_half_written(tmp_path, monkeypatch):
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129)])
+def test_a_signal_leaves_nothing_half_written(tmp_path, monkeypatch, number, code):
     """It ends a command with the exit code of a shell, and the handling of the process is as before."""
 
     def end(arguments):
         with whole_file(tmp_path / "a.npz") as temporary:
             temporary.write_bytes(b"half")
-            signal.raise_signal(signal.SIGTERM)
+            signal.raise_signal(number)
             pytest.fail("the command went on")
 
     monkeypatch.setattr(cli.generate, "_list_speakers", end)
-    before = signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    before = signal.signal(number, signal.SIG_DFL)
     try:
         with pytest.raises(SystemExit) as stop:
             cli.main(["speakers"])
-        assert stop.value.code == 143 and signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+        assert stop.value.code == code and signal.getsignal(number) == signal.SIG_DFL
     finally:
-        signal.signal(signal.SIGTERM, before)
+        signal.signal(number, before)
     assert not list(tmp_path.iterdir())
 
 

@@ -5,7 +5,6 @@ import gc
 import importlib.metadata
 import itertools
 import math
-import signal
 import sys
 from typing import Any
 
@@ -24,11 +23,10 @@ from ha2g_jax.limits import MAX_MOTION_SECONDS
 from ha2g_jax.motion import control
 from ha2g_jax.motion.windows import DEFAULT_HOP, DEFAULT_LOOK_AHEAD
 from ha2g_jax.progress import progress_bar, stage
-from ha2g_jax.stopping import on_stop_signals
+from ha2g_jax.stopping import STOP_SIGNALS, on_stop_signals
 from ha2g_jax.synthesis import Model, Stream, Style, choose_style
 from ha2g_jax.synthesis.style import RANDOM
 
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _LONGEST_DELAY = 10.0  # seconds
 _READY = 0.2  # seconds before its time at which a frame is computed, where the delay allows it
 _METER_SECONDS = 1.0  # between two values of the meter
@@ -51,7 +49,7 @@ def run(
     fps: int | None = None,
     stop: StopFlag | None = None,
 ) -> Meter:
-    """Generate motion for sound while it is heard, until its end or until Ctrl-C or SIGTERM.
+    """Generate motion for sound while it is heard, until its end or until Ctrl-C, SIGTERM or a closed terminal.
 
     Each frame is sent `delay` seconds after its moment of the sound is heard, or when it is computed if that is later.
     Frames that are more than a second late are dropped. Recordings take all frames.
@@ -85,7 +83,7 @@ def run(
             f"the delay is {delay:g} s; give {math.ceil(1000 * latency) / 1000:g} s, the latency of this look-ahead, "
             f"hop and frame rate, to {_LONGEST_DELAY:g} s"
         )
-    with on_stop_signals(stop.ask, _SIGNALS, once=_SIGNALS):  # a second Ctrl-C interrupts at once
+    with on_stop_signals(stop.ask, once=STOP_SIGNALS):  # a second Ctrl-C interrupts at once
         gc.freeze()  # scanning all objects of the model would delay a frame by half a second
         try:
             meter = _follow(stream, source, sinks, interpolation, latency if delay is None else delay, stop)

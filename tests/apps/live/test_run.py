@@ -116,7 +116,7 @@ def test_falling_behind_drops_frames_that_are_recorded_all_the_same(live, speech
     assert summary["sent"] + summary["dropped"] == summary["frames"] == Motion.load(tmp_path / "a.npz").num_frames == 11
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
 def test_an_interrupted_run_is_recorded_whole(live, tmp_path, capsys, number, code):
     soundfile.write(tmp_path / "long.wav", np.full(16000 * 60, 0.1), 16000)
     threading.Timer(0.6, os.kill, (os.getpid(), number)).start()
