@@ -109,22 +109,29 @@ class Session(NamedTuple):
         self.resampler.clear()
         return self.stream.feed(*rest.T)
 
-    def change(self, asked: Change) -> int | None:
-        """Make the requested changes, and return the number of the next frame if speech was dropped.
+    def change(self, asked: Change) -> tuple[np.ndarray, int | None]:
+        """Make the requested changes.
+
+        Returns:
+            The frames that became final before speech was dropped, and the number of the next frame if it was.
 
         Raises:
             UserError: a value cannot be used; nothing has changed.
         """
         cue, stream = asked.asked_cue(), self.stream
         before = stream.style, stream.controls
-        first = None
+        frames, first = np.zeros((0, 0, 3), np.float32), None
         try:
             if asked.style is not None:
                 stream.style = asked.style.style()
             if asked.controls is not None:
                 stream.controls = asked.controls.controls()
-            if asked.clear is not None:
-                first = stream.clear(None if asked.clear is True else asked.clear)
+            if asked.clear is True:  # what the resampler holds back becomes silence, too
+                frames, first = self.end_sound(), stream.clear()
+            elif asked.clear is not None:
+                first = stream.clear(asked.clear)
+                if self.resampler is not None:
+                    self.resampler.clear()
             if cue is not None:  # after a clear none waits, and there is space for it
                 stream.cue(cue)
         except UserError:
@@ -132,7 +139,7 @@ class Session(NamedTuple):
             raise
         stream.muted = stream.muted if asked.muted is None else asked.muted
         stream.state = stream.state if asked.state is None else asked.state
-        return first
+        return frames, first
 
 
 async def _converse(service: Service, websocket: WebSocket) -> None:
@@ -180,12 +187,11 @@ async def _run(service: Service, websocket: WebSocket) -> None:
         if isinstance(message, str):
             try:
                 change = read_message(Change, message)
-                if change.clear is not None and session.resampler:  # what it holds back is dropped, too
-                    sent = await _send_frames(service, websocket, sent, await service.compute(session.end_sound))
-                first = await service.compute(session.change, change)
+                frames, first = await service.compute(session.change, change)
             except UserError as error:
                 await _send(service, websocket, {"error": str(error)})
                 continue
+            sent = await _send_frames(service, websocket, sent, frames)
             if first is not None:
                 sent = first
                 await _send(service, websocket, {"cleared": True, "first": first})

@@ -125,6 +125,16 @@ def test_text_that_cannot_be_used_is_answered_and_changes_nothing(client):
         assert expected in answer
 
 
+def test_sound_that_a_resampler_holds_back_stays_when_a_clear_is_refused(client):
+    """Its end would give the first frames, which need 0.6 s of sound."""
+    with client.stream() as websocket:
+        begin(websocket, rate=48000)
+        for _ in range(2):
+            websocket.send(bytes(28_800))
+        websocket.send('{"clear": 900}')
+        assert "frame 900 is not remembered" in json.loads(websocket.recv(timeout=20))["error"]
+
+
 def test_a_cue_too_many_is_answered_and_the_stream_goes_on(client):
     with client.stream() as websocket:
         begin(websocket)
@@ -136,7 +146,7 @@ def test_a_cue_too_many_is_answered_and_the_stream_goes_on(client):
     assert code == 1000 and {"cleared": True, "first": 0} in received
 
 
-@pytest.mark.parametrize(("clear", "rate"), [(True, 16000), (12, 16000), (True, 48000)])
+@pytest.mark.parametrize(("clear", "rate"), [(True, 16000), (12, 16000), (True, 48000), (12, 48000)])
 def test_clear_goes_on_as_the_stream_of_the_model_does(client, debug_model, clear, rate):
     """With changes in the same message, and the sound of the other in the second channel."""
     pcm = np.repeat(np.stack([speech(2), speech(2)[::-1]], axis=-1), rate // 16000, axis=0)
