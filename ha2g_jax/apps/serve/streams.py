@@ -20,10 +20,10 @@ from ha2g_jax.apps.serve.service import Full, Service, Stopped
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.synthesis.stream import Stream
+from ha2g_jax.viewer.page import frames_message
 
 _RETRY_SECONDS = 10
 _PIECE_SECONDS = 0.2  # of sound that is computed at once, so that streams take turns
-_DECIMALS = 4
 _CLOSE_SECONDS = 5
 
 # Codes of the close of a WebSocket (RFC 6455).
@@ -237,7 +237,6 @@ async def _send(service: Service, websocket: WebSocket, message: dict[str, Any])
 async def _send_frames(service: Service, websocket: WebSocket, sent: int, frames: np.ndarray) -> int:
     """Send frames (n, bones, 3) if there are any, and return the number of all that were sent."""
     if len(frames):
-        rows = np.round(frames.reshape(len(frames), -1).astype(np.float64), _DECIMALS).tolist()
-        await _send(service, websocket, {"first": sent, "frames": rows})
+        await _send(service, websocket, frames_message(sent, frames))
         service.counters.frames.inc(len(frames))
     return sent + len(frames)
