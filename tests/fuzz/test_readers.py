@@ -326,7 +326,7 @@ BOMBS: dict[str, tuple[str, str, Callable[[], bytes], str]] = {
     "words": ("transcript", "a.tsv", lambda: b"".join(b"%d\t%d\ta\n" % (i, i) for i in range(110_000)), "100000 words"),
     "laughs": ("joint map", "a.yaml", laughs, "an alias"),
     "digits": ("joint map", "a.yaml", lambda: b"spine: 0x" + b"f" * 60_000, "more than 200 characters"),
-    "a chain": ("BVH", "a.bvh", chain, "does not fit the joint map"),
+    "a chain": ("BVH", "a.bvh", chain, "fits no known joint map"),
     "deep transcript": ("transcript", "a.json", lambda: DEEP, "nested too deep"),
     "deep settings": ("settings", "a.json", lambda: DEEP, "a.json"),
     "deep map": ("joint map", "a.yaml", lambda: b"[" * 30_000, "nested too deep"),

@@ -70,7 +70,9 @@ def choose_map(
     best = max(candidates, key=lambda candidate: len(_find(candidate, joints, wanted)))
     places = find(best, joints, wanted, file)
     if missing := [joint for joint in wanted if joint not in places]:
-        raise _lacks(file, joints, best, places, missing)
+        body = [joint for joint in wanted if not _is_finger(joint)]
+        is_known = joint_map != AUTO or 2 * sum(joint in places for joint in body) >= len(body)
+        raise _lacks(file, joints, best, places, missing) if is_known else _unknown(file, joints, missing)
     owners: dict[int, str] = {}
     for joint, place in places.items():
         if place in owners:
@@ -259,13 +261,26 @@ def _lacks(
     if len(missing) > _MAX_LISTED:
         lacking += f" and {len(missing) - _MAX_LISTED} more"
     used = set(places.values())
-    others = ", ".join(shown(joint) for index, joint in enumerate(joints) if index not in used)
-    if len(others) > _MAX_LISTED_LETTERS:
-        others = f"{others[:_MAX_LISTED_LETTERS]}..."
-    no_fingers = all(joint.rstrip("123").endswith("_") for joint in missing)
-    advice = "choose the skeleton ted_gesture, which has no fingers, or " if no_fingers else ""
+    others = _listed([joint for index, joint in enumerate(joints) if index not in used])
+    advice = "choose the skeleton ted_gesture, which has no fingers, or " if all(map(_is_finger, missing)) else ""
     return UserError(
         f"{shown(file)} does not fit the joint map {joint_map.name}: it lacks {lacking}; {advice}write a joint map "
         f"with an entry `{missing[0]}: NAME` for each joint and give it with --joint-map; other joints of the file: "
         f"{others}"
     )
+
+
+def _unknown(file: str | pathlib.Path, joints: Sequence[str], missing: list[str]) -> UserError:
+    return UserError(
+        f"{shown(file)} fits no known joint map ({', '.join(MAPS)}); write one with an entry `{missing[0]}: NAME` for "
+        f"each joint and give it with --joint-map; joints of the file: {_listed(joints)}"
+    )
+
+
+def _listed(joints: Sequence[str]) -> str:
+    names = ", ".join(map(shown, joints))
+    return names if len(names) <= _MAX_LISTED_LETTERS else f"{names[:_MAX_LISTED_LETTERS]}..."
+
+
+def _is_finger(joint: str) -> bool:
+    return joint.rstrip("123").endswith("_")

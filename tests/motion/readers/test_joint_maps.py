@@ -57,6 +57,15 @@ def test_what_is_missing_is_said():
     assert "\n" not in message and "ted_gesture" not in message
 
 
+def test_names_that_are_those_of_no_map():
+    """Of which one or another may be in a map by chance."""
+    blender = ["pelvis", "spine", "neck", *(f"{name}.{side}" for name in ("upper_arm", "forearm") for side in "LR")]
+    with pytest.raises(UserError, match=r"a.bvh fits no known joint map \(.*--joint-map; .* spine, neck, upper_arm.L"):
+        places_of(blender)
+    with pytest.raises(UserError, match="a.bvh does not fit the joint map mixamo"):
+        places_of(blender, "mixamo")
+
+
 def test_two_people_in_one_file():
     both = [f"{who}:{joint}" for who in ("ada", "ben") for joint in MIXAMO]
     with pytest.raises(UserError, match="ada:Spine2 and ben:Spine2, and either may be spine"):
