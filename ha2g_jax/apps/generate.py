@@ -196,6 +196,8 @@ def _check_distinct(tasks: list[Task]) -> None:
     for task in tasks:
         for path in task.paths:
             real = resolved(path)
+            if real in writers and resolved(writers[real]) == resolved(task.speech):
+                raise UserError(f"{shown(task.speech)} is given twice; give each file once")
             if real in writers:
                 raise UserError(
                     f"{shown(writers[real])} and {shown(task.speech)} would both be written to {shown(path)}; "

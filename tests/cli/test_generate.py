@@ -119,6 +119,11 @@ def test_the_result_lies_beside_the_speech_or_in_a_folder(speech, tmp_path):
     assert out_paths(speech.with_name("speech.v2.wav"), None)[0].name == "speech.v2_gestures.npz"
 
 
+def test_a_file_that_is_given_twice(speech, tmp_path):
+    with pytest.raises(UserError, match=r"speech\.wav is given twice; give each file once"):
+        plan([speech, speech.parent / ".." / speech.parent.name / speech.name], tmp_path)
+
+
 @pytest.mark.parametrize("suffix", [".bvh", ".glb", ".npz", ".mp4", ".html"])
 def test_a_format_is_written_and_nothing_else(debug_folder, speech, tmp_path, capsys, suffix):
     out = tmp_path / "new" / f"talk{suffix}"
