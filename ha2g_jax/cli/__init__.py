@@ -10,10 +10,8 @@ import traceback
 from collections.abc import Sequence
 
 from ha2g_jax import __version__
-from ha2g_jax.cli import data, evaluate, export, genea, generate, live, model, serve, study, train
 from ha2g_jax.cli.parser import Parser
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.cache import keep_programs
 from ha2g_jax.files.reading import reason, shown
 from ha2g_jax.stopping import ending_on_signals
 
@@ -82,6 +80,10 @@ def _run(argv: list[str], *, is_process: bool) -> int:
     _print_any_path()
     logging.getLogger("jax._src.xla_bridge").addFilter(_shorten)
     try:
+        # What takes long to import is imported here, so that Ctrl-C meanwhile prints no traceback.
+        from ha2g_jax.files.cache import keep_programs
+        from ha2g_jax.files.writing import check_out
+
         if is_process and (argv[:1] == ["train"] or argv[:1] == ["doctor"]):  # these run training steps
             from ha2g_jax.launch import prepare_process
 
@@ -92,6 +94,8 @@ def _run(argv: list[str], *, is_process: bool) -> int:
 
             return launch.main(["ha2g train", *argv[1:]])
         arguments = make_parser().parse_args(argv)
+        if getattr(arguments, "out", None) is not None:
+            check_out(arguments.out)
         code = arguments.run(arguments) or 0
         if sys.stdout is not None:  # it was closed before
             sys.stdout.flush()
@@ -157,6 +161,8 @@ def _print_any_path() -> None:
 
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of `ha2g`, with the commands of `GROUPS`."""
+    from ha2g_jax.cli import data, evaluate, export, genea, generate, live, model, serve, study, train
+
     parser = Parser(
         prog="ha2g", usage="ha2g [-h] [--version] COMMAND ...", formatter_class=argparse.RawDescriptionHelpFormatter
     )

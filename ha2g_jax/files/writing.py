@@ -53,6 +53,17 @@ def check_file(path: str | pathlib.Path) -> None:
         raise UserError(f"cannot write {shown(path)} (is a folder); give the path of a file")
 
 
+def check_out(path: str | pathlib.Path) -> None:
+    """Check that a path can be that of a file or a folder, before a result is written to it or to a name like it.
+
+    Raises:
+        UserError: the path is "-", or that of a pipe or a device.
+    """
+    path = pathlib.Path(path)
+    if str(path) == "-" or (path.exists() and not path.is_file() and not path.is_dir()):
+        raise UserError(f"cannot write to {shown(path)}; give the path of a file or folder, not of a pipe or a device")
+
+
 def check_kept(
     results: Iterable[pathlib.Path],
     inputs: Iterable[pathlib.Path | None],

@@ -9,6 +9,7 @@ import re
 import signal
 import subprocess
 import sys
+import types
 
 import numpy as np
 import pytest
@@ -130,6 +131,30 @@ def test_a_signal_leaves_nothing_half_written(tmp_path, monkeypatch, number, cod
     finally:
         signal.signal(number, before)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("out", ["-", os.devnull])
+@pytest.mark.parametrize(
+    "command", ["generate a.wav", "export a.npz", "export --format bvh a.npz", "genea pack talks", "study analyse a"]
+)
+def test_nothing_is_written_to_a_pipe_or_device(tmp_path, monkeypatch, capsys, command, out):
+    monkeypatch.chdir(tmp_path)
+    study = ["--study", "b"] if command.startswith("study") else []
+    assert cli.main([*command.split(), *study, "-o", out]) == 2
+    expected = f"ha2g: cannot write to {out}; give the path of a file or folder, not of a pipe or a device\n"
+    assert capsys.readouterr().err == expected
+
+
+def test_an_interrupt_while_a_command_is_imported(monkeypatch, capsys):
+    def interrupt(name, *_):
+        if name == "ha2g_jax.cli.live":
+            raise KeyboardInterrupt
+
+    monkeypatch.delitem(sys.modules, "ha2g_jax.cli.live")
+    monkeypatch.delattr(cli, "live")
+    monkeypatch.setattr(sys, "meta_path", [types.SimpleNamespace(find_spec=interrupt), *sys.meta_path])
+    assert cli.main(["--version"]) == 130
+    assert capsys.readouterr().err == "ha2g: interrupted\n"
 
 
 @pytest.mark.parametrize(("old", "new"), cli.ALIASES.items())
