@@ -74,6 +74,8 @@ stage.frame_set(0)
 seen = figure.evaluated_get(bpy.context.evaluated_depsgraph_get()).to_mesh()
 results["body_moved"] = max((a.co - b.co).length for a, b in zip(seen.vertices, figure.data.vertices))
 
+perform("ntsc.glb", "-o", "ntsc_again.glb")
+
 perform("motion.bvh", "-o", "figure.fbx")
 scene.open_file(folder / "figure.fbx")
 results["fbx"] = positions(range(12), bpy.data.actions[0].frame_range[0])

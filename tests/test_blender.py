@@ -20,10 +20,12 @@ from fixtures.motions import swaying
 from ha2g_jax.motion import rigs, rotations, solver
 from ha2g_jax.motion.armature import Animation, world
 from ha2g_jax.motion.formats import export
+from ha2g_jax.motion.readers import read_motion
 from ha2g_jax.motion.rigs import retarget
 
 ROOT = pathlib.Path(__file__).parent.parent
 MILLIMETRE = 1e-3
+NTSC = 30000 / 1001  # frames per second
 BONES = {  # of Unreal's mannequin: those whose direction is that of ours
     ("upperarm_l", "lowerarm_l"): ("left_shoulder", "left_elbow"),
     ("lowerarm_l", "hand_l"): ("left_elbow", "left_wrist"),
@@ -297,6 +299,7 @@ def in_blender(tmp_path_factory) -> tuple[pathlib.Path, dict]:
     for name in ("motion.glb", "motion.bvh", "motion.json"):
         export(motion, folder / name)
     export(motion, folder / "unreal.json", rig="unreal")
+    export(swaying(frames=12, fps=NTSC, size=0.2), folder / "ntsc.glb")
     soundfile.write(folder / "tone.wav", 0.25 * np.sin(np.arange(12800) / 8), 16000)
     command = [python, str(ROOT / "tests" / "in_blender.py"), str(folder)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -322,6 +325,10 @@ def test_the_scene_has_the_motions_time_and_a_body_that_moves_and_the_panel_says
     assert results["panel_sounds"] == ["tone.wav"]
     assert "no motion at" in results["panel_error"]
     assert results["is_unregistered"]
+
+
+def test_a_glb_from_blender_has_a_fractional_frame_rate(in_blender):
+    assert read_motion(in_blender[0] / "ntsc_again.glb").fps == pytest.approx(NTSC, rel=1e-5)
 
 
 def test_another_character_does_what_our_figure_does(in_blender, animation):

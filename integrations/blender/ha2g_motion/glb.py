@@ -78,7 +78,7 @@ def read(path: pathlib.Path) -> Motion:
         elif target["path"] == "translation" and order[target["node"]] == 0:
             root = values.astype(float)
     extras = file.tree["scenes"][file.tree.get("scene", 0)].get("extras", {})
-    fps = extras.get("fps") or ((len(time) - 1) / (time[-1] - time[0]) if len(time) > 1 else 1.0)
+    fps = extras.get("fps") or _rate(time)
     top = above.get(joints[0])
     name = path.stem if top is None else nodes[top].get("name", path.stem)
     parents = tuple(order.get(above.get(node, -1), -1) for node in joints)
@@ -100,6 +100,21 @@ def humanoid(path: pathlib.Path) -> dict[str, str]:
     bones = extensions.get("VRMC_vrm", extensions.get("VRM", {})).get("humanoid", {}).get("humanBones", {})
     rows = bones.items() if isinstance(bones, dict) else ((bone["bone"], bone) for bone in bones)
     return {tree["nodes"][bone["node"]]["name"]: name for name, bone in rows}
+
+
+def frame_rate(path: pathlib.Path) -> float:
+    """Measure the frames per second of a `.glb` that Blender has written, by its animation with the most times.
+
+    Returns:
+        1 if there is no animation with two times.
+    """
+    file = _File(path.read_bytes())
+    times = [_times(file, clip) for clip in file.tree.get("animations", ())]
+    return _rate(max(times, key=len, default=np.zeros(0)))
+
+
+def _rate(time: np.ndarray) -> float:
+    return float((len(time) - 1) / (time[-1] - time[0])) if len(time) > 1 else 1.0
 
 
 def _times(file: _File, clip: dict[str, Any]) -> np.ndarray:

@@ -166,7 +166,7 @@ def _export(path: pathlib.Path, armature: bpy.types.Object) -> None:
         thing.select_set(thing is armature or thing in parts)
     bpy.context.view_layer.objects.active = armature
     if path.suffix == ".glb":
-        bpy.ops.export_scene.gltf(filepath=str(path), use_selection=True, export_animation_mode="ACTIVE_ACTIONS")
+        _export_glb(path, bpy.context.scene)
         return
     bpy.ops.export_scene.fbx(
         filepath=str(path),
@@ -177,6 +177,21 @@ def _export(path: pathlib.Path, armature: bpy.types.Object) -> None:
         bake_anim_use_nla_strips=False,
         bake_anim_simplify_factor=0.0,
     )
+
+
+def _export_glb(path: pathlib.Path, scene: bpy.types.Scene) -> None:
+    """Write the selection with the speed of the scene, whether the exporter multiplies or divides by `fps_base`.
+
+    The exporter of Blender 4.2 to 5.0 multiplies, although frames per second are `fps / fps_base`.
+    """
+    wanted, own = rate(scene), scene.render.fps_base
+    for base in dict.fromkeys((1 / own, own)):
+        scene.render.fps_base = base
+        bpy.ops.export_scene.gltf(filepath=str(path), use_selection=True, export_animation_mode="ACTIVE_ACTIONS")
+        # The wrong one of the two makes the motion faster or slower by own * own.
+        if math.isclose(glb.frame_rate(path), wanted, rel_tol=1 - min(own, 1 / own)):
+            break
+    scene.render.fps_base = own
 
 
 def _parts(scene: bpy.types.Scene, armature: bpy.types.Object) -> list[bpy.types.Object]:
