@@ -28,10 +28,14 @@ def perform(*arguments: str) -> int:
 
 
 def refuse(*arguments: str) -> str:
-    """What a command says that ends with exit code 2."""
+    """What a command says that ends with exit code 2, without the usage that argparse prints before it."""
     with contextlib.redirect_stderr(io.StringIO()) as said:
-        assert perform(*arguments) == 2, arguments
-    return said.getvalue()
+        try:
+            assert perform(*arguments) == 2, arguments
+        except SystemExit as stop:
+            assert stop.code == 2, arguments
+    text = said.getvalue()
+    return text[text.rindex("ha2g_blender: error") :] if text.startswith("usage") else text
 
 
 def positions(frames: range, first: float = 0) -> dict[str, list[list[float]]]:
@@ -89,6 +93,16 @@ results["bob_thigh"] = list(bpy.data.objects["bob"].pose.bones["thigh_l"].rotati
 results["says"] = {
     "no body": refuse("motion.bvh", "-o", "bones.png"),
     "no character": refuse("motion.json", "--open", "motion.bvh", "-o", "x.blend"),
+    "over the motion": refuse("motion.glb", "-o", "motion.glb"),
+    "over the character": refuse("motion.glb", "--open", "bob.blend", "-o", "bob.blend"),
+    "no sound": refuse("motion.glb", "--audio", "motion.json", "-o", "x.blend"),
+    "no time": refuse("motion.glb", "--time", "nan", "-o", "x.png"),
+    "after the end": refuse("motion.glb", "--time", "99", "-o", "x.png"),
+    "frames": refuse("motion.glb", "--start", "1048570", "-o", "x.blend"),
+    "start": refuse("motion.glb", "--start", "99999999999", "-o", "x.blend"),
+    "size": refuse("motion.glb", "--size", "0x0", "-o", "x.png"),
+    "words": refuse("motion.glb", "--size", "large", "-o", "x.png"),
+    "samples": refuse("motion.glb", "--samples", "-3", "-o", "x.png"),
 }
 armatures.make_armature(reading.read_motion(folder / "motion.json"))
 bpy.ops.wm.save_as_mainfile(filepath=str(folder / "two.blend"))
@@ -111,7 +125,7 @@ results["rigify"] = positions(range(12))
 
 scene.clear()
 results["film"] = perform(
-    "motion.glb", "--audio", "tone.wav", "--start", "5", "--size", "48x32", "--samples", "1", "-o", "film.mp4"
+    "motion.glb", "--audio", "tone.wav", "--start", "5", "--size", "48", "--samples", "1", "-o", "film.mp4"
 )
 
 scene.clear()

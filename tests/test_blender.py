@@ -353,18 +353,28 @@ def test_the_controls_of_rigify_move_its_bones(in_blender, animation):
             assert angle_between_bones(*found, *expected) < 0.2, (start, side)
 
 
-def test_what_would_be_empty_or_another_figure_is_refused(in_blender):
+def test_what_cannot_be_done_is_refused(in_blender):
     folder, results = in_blender
     expected = {
         "no body": "would be empty",
         "no character": "cannot open motion.bvh; expected one of .blend",
+        "over the motion": "the result would overwrite",
+        "over the character": "the result would overwrite",
+        "no sound": "motion.json has no sound that Blender can read; give an audio file",
+        "no time": "no pose at nan s",
+        "after the end": "motion.glb lasts 0.80 s",
+        "frames": "frames 1048570 to 1048581",
+        "start": "'99999999999' is not a whole number from 0 to 1048574",
+        "size": "'0x0' is not a size; give WxH or one number, 4 to 65536 pixels",
+        "words": "'large' is not a size",
+        "samples": "'-3' is not a whole number from 1 to 16777216",
         "two armatures": "the armatures",
         "camera": "the camera behind of the character's file does not show",
     }
     for case, sentence in expected.items():
         assert sentence in results["says"][case]
         assert results["says"][case].count("\n") == 1
-    assert not [name for name in ("bones.png", "x.blend", "filmed.png") if (folder / name).exists()]
+    assert not [name for name in ("bones.png", "x.blend", "x.png", "filmed.png") if (folder / name).exists()]
 
 
 def test_a_film_lasts_as_long_as_the_motion_and_has_its_sound(in_blender):

@@ -9,8 +9,11 @@ Also with the Python of the bpy wheel: python ha2g_blender.py -- motion.glb -o s
 
 import argparse
 import importlib.util
+import os
 import pathlib
+import re
 import sys
+from collections.abc import Callable
 
 if importlib.util.find_spec("bpy") is None:
     print("ha2g_blender: no Blender here; run it with blender --background --python, or install bpy", file=sys.stderr)
@@ -19,6 +22,8 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
 from ha2g_motion import bone_names, checks, keys, reading, scene
 from ha2g_motion.motion import MotionError
+
+_MIN_SIDE, _MAX_SIDE, _MAX_SAMPLES = 4, 65_536, 1 << 24  # of Blender, which takes another number as the nearest one
 
 
 def main(argv: list[str]) -> int:
@@ -44,7 +49,16 @@ def _run(arguments: argparse.Namespace) -> None:
         raise MotionError(
             f"cannot write {checks.shown(arguments.out.name)}; expected one of {', '.join(scene.OUTPUTS)}"
         )
+    opened = bpy.data.filepath or None
+    for path in (arguments.motion, arguments.open, arguments.names, arguments.audio, opened):
+        if path is not None and os.path.realpath(path) == os.path.realpath(arguments.out):
+            raise MotionError(f"the result would overwrite {checks.shown(path)}; choose another path with --out")
     motion = reading.read_motion(arguments.motion)
+    seconds = motion.num_frames / motion.fps
+    if suffix == ".png" and not 0 <= arguments.time <= seconds:
+        raise MotionError(
+            f"no pose at {arguments.time:g} s (--time); {checks.shown(arguments.motion)} lasts {seconds:.2f} s"
+        )
     humanoid: dict[str, str] = {}
     is_figure = arguments.open is None and arguments.rig is None and not bpy.data.filepath
     if arguments.open is not None:
@@ -85,20 +99,42 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--rig", help="name of the armature to move, where the character has several")
     parser.add_argument("--names", type=pathlib.Path, help='JSON of your bone names: {"BONE": "JOINT"}')
     parser.add_argument("--audio", type=pathlib.Path, help="the speech, for the scene and an .mp4")
-    parser.add_argument("--start", type=int, default=0, help="frame of the first pose (default: 0)")
+    parser.add_argument(
+        "--start", type=_whole(0, scene.MAX_FRAME), default=0, help="frame of the first pose (default: 0)"
+    )
     parser.add_argument("--keep-rate", action="store_true", help="keep the scene's frame rate, not the motion's")
     parser.add_argument(
-        "--size", type=_size, default=(640, 640), metavar="WxH", help="size of images in pixels (default: 640x640)"
+        "--size",
+        type=_size,
+        default=(640, 640),
+        metavar="WxH",
+        help="size of images in pixels; one number for both (default: 640x640)",
     )
-    parser.add_argument("--samples", type=int, default=8, help="rays per pixel of Cycles (default: 8)")
+    parser.add_argument(
+        "--samples", type=_whole(1, _MAX_SAMPLES), default=8, help="rays per pixel of Cycles (default: 8)"
+    )
     parser.add_argument("--engine", default="CYCLES", help="CYCLES (default) or another render engine of Blender")
     parser.add_argument("--time", type=float, default=0.0, metavar="SECONDS", help="time of a .png (default: 0)")
     return parser
 
 
 def _size(text: str) -> tuple[int, int]:
-    width, height = (int(part) for part in text.lower().split("x"))
-    return width, height
+    found = re.fullmatch(r"(\d{1,5})(?:[xX](\d{1,5}))?", text)
+    size = (int(found[1]), int(found[2] or found[1])) if found else (0, 0)
+    if not _MIN_SIDE <= min(size) <= max(size) <= _MAX_SIDE:
+        raise argparse.ArgumentTypeError(
+            f"{text[:40]!r} is not a size; give WxH or one number, {_MIN_SIDE} to {_MAX_SIDE} pixels"
+        )
+    return size
+
+
+def _whole(least: int, most: int) -> Callable[[str], int]:
+    def read(text: str) -> int:
+        if not (re.fullmatch(r"\d{1,9}", text) and least <= int(text) <= most):
+            raise argparse.ArgumentTypeError(f"{text[:40]!r} is not a whole number from {least} to {most}")
+        return int(text)
+
+    return read
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ class Ha2gSettings(bpy.types.PropertyGroup):
         subtype="FILE_PATH",
     )
     start: bpy.props.IntProperty(  # pyright: ignore[reportInvalidTypeForm]
-        name="Start", description="Frame of the first pose", default=0
+        name="Start", description="Frame of the first pose", default=0, min=0
     )
     keep_rate: bpy.props.BoolProperty(  # pyright: ignore[reportInvalidTypeForm]
         name="Keep scene's frame rate", description="Otherwise the scene takes that of the motion", default=False

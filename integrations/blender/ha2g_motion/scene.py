@@ -6,6 +6,7 @@ import os
 import pathlib
 from collections.abc import Iterator
 
+import aud
 import bpy
 import bpy_extras
 import mathutils
@@ -15,6 +16,7 @@ from .motion import Motion, MotionError
 
 OUTPUTS = (".blend", ".fbx", ".glb", ".mp4", ".png")
 CHARACTERS = (".blend", ".fbx", ".glb", ".gltf", ".vrm")
+MAX_FRAME = 1_048_574  # of a scene of Blender, which takes a larger or negative number as the nearest one
 
 
 def open_file(path: pathlib.Path) -> dict[str, str]:
@@ -78,22 +80,31 @@ def set_time(scene: bpy.types.Scene, motion: Motion, *, start: int = 0, keep_rat
         motion: motion with the length and the frame rate.
         start: frame of the first pose.
         keep_rate: whether to keep the frames per second of the scene.
+
+    Raises:
+        MotionError: a scene cannot have these frames.
     """
     if not keep_rate:
         scene.render.fps = math.ceil(motion.fps)
         scene.render.fps_base = math.ceil(motion.fps) / motion.fps
-    scene.frame_start = start
-    scene.frame_end = max(start, start + round(motion.num_frames / motion.fps * rate(scene)) - 1)
+    end = max(start, start + round(motion.num_frames / motion.fps * rate(scene)) - 1)
+    if not 0 <= start <= end <= MAX_FRAME:
+        raise MotionError(f"frames {start} to {end}, and a scene has 0 to {MAX_FRAME}; give another first frame")
+    scene.frame_start, scene.frame_end = start, end
 
 
 def check_sound(path: pathlib.Path) -> None:
     """Check that there is a file of sound.
 
     Raises:
-        MotionError: there is no such file.
+        MotionError: there is no such file, or Blender cannot read it.
     """
     if not path.is_file():
         raise MotionError(f"no sound at {path}; give an audio file")
+    try:
+        _ = aud.Sound(str(path)).specs
+    except aud.error as error:
+        raise MotionError(f"{checks.shown(path)} has no sound that Blender can read; give an audio file") from error
 
 
 def add_sound(scene: bpy.types.Scene, path: pathlib.Path, start: int = 0) -> None:
@@ -105,7 +116,7 @@ def add_sound(scene: bpy.types.Scene, path: pathlib.Path, start: int = 0) -> Non
         start: frame of the start of the sound.
 
     Raises:
-        MotionError: there is no such file.
+        MotionError: there is no such file, or Blender cannot read it.
     """
     check_sound(path)
     strips = _strips(scene)
