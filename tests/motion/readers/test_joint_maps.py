@@ -62,7 +62,7 @@ def test_names_that_are_those_of_no_map():
     blender = ["pelvis", "spine", "neck", *(f"{name}.{side}" for name in ("upper_arm", "forearm") for side in "LR")]
     with pytest.raises(UserError, match=r"a.bvh fits no known joint map \(.*--joint-map; .* spine, neck, upper_arm.L"):
         places_of(blender)
-    with pytest.raises(UserError, match="a.bvh does not fit the joint map mixamo"):
+    with pytest.raises(UserError, match=r"a.bvh does not fit the joint map mixamo"):
         places_of(blender, "mixamo")
 
 
