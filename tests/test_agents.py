@@ -5,7 +5,9 @@ import importlib
 import itertools
 import json
 import pathlib
+import shutil
 import socket
+import subprocess
 import time
 
 import numpy as np
@@ -69,6 +71,44 @@ def runs(times, pause=0.4):
     """Return first and last of times (n,) between pauses."""
     starts = np.flatnonzero(np.diff(times, prepend=-np.inf) > pause)
     return [(times[a], times[b - 1]) for a, b in itertools.pairwise([*starts, len(times)])]
+
+
+TWO_SENDERS = """
+const sockets = [], timers = [];
+globalThis.WebSocket = class extends EventTarget {
+  static OPEN = 1;
+  readyState = 0;
+  sent = [];
+  constructor() { super(); sockets.push(this); }
+  send(message) { this.sent.push(JSON.parse(message)); }
+  open() { this.readyState = 1; this.onopen(); }
+  close() { this.readyState = 3; this.dispatchEvent(new Event("close")); }
+};
+globalThis.setTimeout = (callback, _, ...given) => timers.push(() => callback(...given));
+const pass = () => timers.splice(0).forEach((timer) => timer());
+const body = new Body();
+body.tell("before");
+sockets[0].open();
+body.tell("refused");
+sockets[0].close();
+pass();
+sockets.at(-1).open();
+pass();
+sockets.at(-1).close();
+body.tell("stale");
+pass();
+sockets.at(-1).open();
+console.log(JSON.stringify(sockets.map(({ sent }) => sent)));
+"""
+
+
+@pytest.mark.skipif(not shutil.which("node"), reason="needs node")
+def test_an_avatar_keeps_what_it_says_while_another_page_is_heard():
+    """The sockets are the source, the sink, and the source twice more."""
+    script = (EXAMPLES / "avatar.js").read_text() + TWO_SENDERS
+    command = ["node", "--input-type=module", "-"]
+    found = subprocess.run(command, input=script, capture_output=True, text=True, timeout=60, check=True)
+    assert json.loads(found.stdout) == [["before", "refused"], [], ["before", "refused"], []]
 
 
 def test_an_agent_of_pipecat_answers_and_is_interrupted(debug_model, monkeypatch):

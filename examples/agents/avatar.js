@@ -7,6 +7,7 @@
  */
 
 const RETRY_MILLISECONDS = 1000;
+const REFUSAL_MILLISECONDS = 3000; // a source that hears another sender closes the connection within this time
 const UPPER_BODY = /^(Spine|Neck|Head$|(Left|Right)(Shoulder|Arm|ForeArm|Hand))/; // TalkingHead moves the rest
 
 /** Opens a WebSocket, and again whenever it is closed; `begin` is called with each. */
@@ -20,7 +21,7 @@ function keepOpen(address, begin) {
 export class Body {
   #source;
   #wasOpen = false;
-  #waiting = []; // messages, until the source is open for the first time
+  #waiting = []; // messages, until the source stays open for the first time
   #bones = [];
   #rotations = [];
 
@@ -32,8 +33,12 @@ export class Body {
     keepOpen(source, (socket) => {
       this.#source = socket;
       socket.onopen = () => {
-        this.#wasOpen = true;
-        this.#waiting.splice(0).forEach((message) => socket.send(message));
+        this.#waiting.forEach((message) => socket.send(message));
+        setTimeout(() => {
+          if (socket.readyState !== WebSocket.OPEN) return;
+          this.#wasOpen = true;
+          this.#waiting = [];
+        }, REFUSAL_MILLISECONDS);
       };
     });
     keepOpen(sink, (socket) => {
@@ -57,7 +62,7 @@ export class Body {
 
   #send(message) {
     if (this.#source.readyState === WebSocket.OPEN) this.#source.send(message);
-    else if (!this.#wasOpen) this.#waiting.push(message); // later it would be stale
+    if (!this.#wasOpen) this.#waiting.push(message); // later it would be stale
   }
 
   /** Poses an avatar of three-vrm; call it in each frame, before `vrm.update`. */
