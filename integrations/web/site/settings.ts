@@ -23,7 +23,8 @@ export class Settings {
     };
     for (const name of ["#speaker", "#second", "#share", "#seed"]) find(name).addEventListener("input", changed);
     find("#another").addEventListener("click", () => {
-      find<HTMLInputElement>("#seed").value = String((this.seed + 1) % 100);
+      const takes = find<HTMLInputElement>("#seed");
+      takes.value = String((this.seed + 1) % (Number(takes.max) + 1));
       changed();
     });
     find("#energy").addEventListener("input", () => {
