@@ -3,10 +3,11 @@
 const MP3_RATES = [[11025, 12000, 8000], [], [22050, 24000, 16000], [44100, 48000, 32000]];
 const FALLBACK = 48000; // that of Opus, and of most video
 
-/** Returns samples per second of MP3, FLAC, Ogg or MP4; 48000 where the file does not say it at its start. */
+/** Returns samples per second of WAV, MP3, FLAC, Ogg or MP4; 48000 where the file does not say it at its start. */
 export function rateOf(bytes: Uint8Array): number {
   const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
-  const found = flac(bytes, view) ?? vorbis(bytes, view) ?? mp4(bytes, view) ?? mp3(bytes, view) ?? FALLBACK;
+  const stated = wave(bytes, view) ?? flac(bytes, view) ?? vorbis(bytes, view) ?? mp4(bytes, view) ?? mp3(bytes, view);
+  const found = stated ?? FALLBACK;
   return found >= 8000 && found <= 96000 ? found : FALLBACK;
 }
 
@@ -15,6 +16,10 @@ function indexOf(bytes: Uint8Array, text: string, most: number): number {
   const last = Math.min(bytes.length, most) - codes.length;
   for (let at = 0; at <= last; at++) if (codes.every((code, i) => bytes[at + i] === code)) return at;
   return -1;
+}
+
+function wave(bytes: Uint8Array, view: DataView): number | undefined {
+  return indexOf(bytes, "WAVEfmt ", 16) === 8 && bytes.length >= 28 ? view.getUint32(24, true) : undefined;
 }
 
 function flac(bytes: Uint8Array, view: DataView): number | undefined {

@@ -21,7 +21,7 @@ export interface Sound {
 }
 
 /**
- * Reads a file: a WAV by the reader of this package, everything else by the browser.
+ * Reads a file: a WAV of PCM or floating point by the reader of this package, everything else by the browser.
  *
  * @param signal - ends the reading.
  * @throws Error with a sentence for people.
@@ -35,7 +35,7 @@ export async function openSound(file: File, signal: AbortSignal): Promise<Sound>
     throw new Error(`${file.name} is a pointer of Git LFS, not the file; run git lfs pull.`);
   }
   if (/^<(!doctype )?html/.test(start)) throw new Error(`${file.name} is a web page, not a sound; download it again.`);
-  if (isWave(head)) {
+  if (isPlainWave(head)) {
     checkSeconds(file.name, statedSeconds(head, file.size));
     return { name: file.name, content: file, ...(await read(file.name, { bytes: await bytesOf(file) }, signal)) };
   }
@@ -69,9 +69,11 @@ async function bytesOf(file: File): Promise<ArrayBuffer> {
   });
 }
 
-function isWave(head: DataView): boolean {
+/** Returns whether a file is a WAV of PCM or floating point, or one that does not state its kind at its start. */
+function isPlainWave(head: DataView): boolean {
   const text = (at: number) => String.fromCharCode(...[0, 1, 2, 3].map((i) => head.getUint8(at + i)));
-  return head.byteLength >= 12 && text(0) === "RIFF" && text(8) === "WAVE";
+  if (head.byteLength < 12 || text(0) !== "RIFF" || text(8) !== "WAVE") return false;
+  return head.byteLength < 22 || text(12) !== "fmt " || [1, 3, 0xfffe].includes(head.getUint16(20, true));
 }
 
 /** Returns the length of a WAV file by its size and the kind of samples that it states at its start, 0 if not there. */

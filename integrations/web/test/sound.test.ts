@@ -2,6 +2,7 @@
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
+import { openSound } from "../site/sound.js";
 import { round, toFloat16 } from "../src/rounding.js";
 import { logMel, melPower, NUM_MELS } from "../src/sound/mel.js";
 import { resample } from "../src/sound/resample.js";
@@ -87,6 +88,33 @@ test("files that are no sound are refused", () => {
     [wav(Array(8000).fill(NaN), { code: 3, bits: 32 }), /only NaN/],
   ];
   for (const [bytes, message] of refused) assert.throws(() => readSound(bytes), message);
+});
+
+test("a WAV of a kind that only the browser reads is decoded by it, at its own rate", async () => {
+  const rates: number[] = [];
+  class Audio {
+    duration = 1;
+    onloadedmetadata = () => {};
+    get src() {
+      return "";
+    }
+    set src(_: string) {
+      queueMicrotask(() => this.onloadedmetadata());
+    }
+  }
+  class OfflineAudioContext {
+    constructor(_channels: number, _length: number, rate: number) {
+      rates.push(rate);
+    }
+    decodeAudioData = () => Promise.reject(new Error());
+  }
+  Object.assign(globalThis, { Audio, OfflineAudioContext });
+  const { signal } = new AbortController();
+  for (const code of [6, 7, 17]) {
+    const file = new File([wav(Array(8000).fill(0.5), { code, bits: 8, rate: 11025 })], "a.wav");
+    await assert.rejects(openSound(file, signal), /This browser finds no sound in a\.wav/);
+  }
+  assert.deepEqual(rates, [11025, 11025, 11025]);
 });
 
 test("resampling keeps what the new rate can hold, and removes the rest", () => {
