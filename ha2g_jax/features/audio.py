@@ -66,6 +66,7 @@ _SAMPLE_DUMP = b"\xf0\x7e"
 _MPEG = b"\xff"  # first byte of MP3 without a tag; libsndfile's decoder prints to the terminal
 _PADDING = SAMPLE_RATE // 10  # samples by which both ends are extended before sound is filtered
 _PAIRWISE = 8  # number of channels from which NumPy adds in another order
+_EXPECTED = "expected (samples, rate), an array of sound and its samples per second, as soundfile.read returns it"
 
 
 _T = TypeVar("_T")
@@ -148,23 +149,46 @@ def convert_samples(samples: np.ndarray, rate: int) -> np.ndarray:
     Raises:
         UserError: the arguments are not samples and their rate, or the sound cannot be used, see `read_audio`.
     """
-    expected = "expected (samples, rate), an array of sound and its samples per second, as soundfile.read returns it"
+    sound, rate = _floats(samples, rate)
+    sound = sound[:, None] if sound.ndim == 1 else sound.T if sound.shape[0] < sound.shape[1] else sound
+    if sound.shape[1] > MAX_SOUND_CHANNELS:
+        raise UserError(f"the speech has the shape {np.shape(samples)}; {_EXPECTED}")
+    block = _Block(np.ascontiguousarray(sound, np.float32), rate)
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _mono(lambda: iter([block]), "the speech", MAX_SOUND_SECONDS)
+
+
+def check_mono(samples: np.ndarray, rate: int) -> tuple[np.ndarray, int]:
+    """Return mono sound that is shown with a motion as floats (samples,) within -1 and 1, and its rate as an `int`.
+
+    Args:
+        samples: (samples,) of a type of `convert_samples`; with a peak above 1 they are scaled to a peak of 1.
+        rate: samples per second.
+
+    Raises:
+        UserError: these are no samples and their rate, or the sound is not mono or not finite.
+    """
+    sound, rate = _floats(samples, rate)
+    if sound.ndim != 1:
+        raise UserError(f"the sound has shape {sound.shape}; mix it to mono, (samples,)")
+    if not np.isfinite(sound).all():
+        raise UserError("the sound has samples that are not finite; read or compute it again")
+    return (_limited(sound) if len(sound) else sound), rate
+
+
+def _floats(samples: np.ndarray, rate: int) -> tuple[np.ndarray, int]:
+    """Return sound of one or two dimensions as floats, integers divided by their full range, and its rate."""
     sound = np.asarray(samples)
     if np.ndim(rate) or not np.issubdtype(np.asarray(rate).dtype, np.number) or sound.ndim not in (1, 2):
-        raise UserError(f"the speech is a pair of {type(samples).__name__} and {type(rate).__name__}; {expected}")
+        raise UserError(f"the speech is a pair of {type(samples).__name__} and {type(rate).__name__}; {_EXPECTED}")
     if not MIN_SOUND_RATE <= rate <= MAX_SOUND_RATE or rate != int(rate):
-        raise UserError(f"the speech has {rate} samples per second; {expected}")
+        raise UserError(f"the speech has {rate} samples per second; {_EXPECTED}")
     # Integers of 64 bits come from a list or a sum; their full range is not that of the samples.
     if np.issubdtype(sound.dtype, np.signedinteger) and sound.itemsize <= 4:
         sound = sound / -float(np.iinfo(sound.dtype).min)
     elif not np.issubdtype(sound.dtype, np.floating):
         raise UserError(f"the speech is an array of {sound.dtype}; expected floats within -1 and 1, int16 or int32")
-    sound = sound[:, None] if sound.ndim == 1 else sound.T if sound.shape[0] < sound.shape[1] else sound
-    if sound.shape[1] > MAX_SOUND_CHANNELS:
-        raise UserError(f"the speech has the shape {np.shape(samples)}; {expected}")
-    block = _Block(np.ascontiguousarray(sound, np.float32), int(rate))
-    with np.errstate(over="ignore", invalid="ignore"):
-        return _mono(lambda: iter([block]), "the speech", MAX_SOUND_SECONDS)
+    return sound, int(rate)
 
 
 def _mono(decode: Callable[[], Iterator[_Block]], name: str, max_seconds: float) -> np.ndarray:

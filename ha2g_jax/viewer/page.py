@@ -15,7 +15,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.features.audio import SAMPLE_RATE, check_mono
 from ha2g_jax.features.text import Word
 from ha2g_jax.figure import view_of
 from ha2g_jax.files.writing import write_text
@@ -85,19 +85,17 @@ def view(
 
     Args:
         motions: one motion, or several by name, in order from left to right.
-        audio: (samples,) float32 mono sound; None for silence.
+        audio: (samples,) mono sound, floats or integers, see `features.audio.check_mono`; None for silence.
         camera: one of `figure.CAMERAS`, as for `write_video`.
 
     Raises:
         UserError: there is no motion, there are too many, or one is too long or not valid (see `Motion.check`), the
-            sound is not mono or not finite, or there is no such camera.
+            sound or its rate cannot be used, or there is no such camera.
     """
     motions = {"": motions} if isinstance(motions, Motion) else dict(motions)
     _check(motions)
-    if audio is not None and np.ndim(audio) != 1:
-        raise UserError(f"the sound has shape {np.shape(audio)}; mix it to mono, (samples,)")
-    if audio is not None and not np.isfinite(audio).all():
-        raise UserError("the sound has samples that are not finite; read or compute it again")
+    if audio is not None:
+        audio, sample_rate = check_mono(audio, sample_rate)
     duration = max(motion.num_frames / motion.fps for motion in motions.values())
     packed = [pack_body(motion.skeleton) for motion in motions.values()]
     bodies = [body for index, body in enumerate(packed) if packed.index(body) == index]

@@ -4,6 +4,7 @@ import base64
 import io
 import json
 import zlib
+from typing import Any, cast
 
 import av
 import numpy as np
@@ -66,6 +67,11 @@ def test_the_page_lasts_as_long_as_what_it_shows(speech):
     assert [motion["name"] for motion in silent["motions"]] == ["a", "b"]
 
 
+def test_sound_is_as_loud_in_integers_and_its_rate_may_be_a_float(speech):
+    steps, rate = np.rint(32767 * speech).astype(np.int16), cast(Any, 16000.0)
+    assert view(swaying(), steps, rate).text == view(swaying(), (steps / 32768).astype(np.float32)).text
+
+
 def test_a_notebook_shows_the_page_in_a_frame():
     page = view(swaying(), height=400)
     (tag, attributes, _), *rest = Page(page._repr_html_()).elements
@@ -83,9 +89,14 @@ def test_what_cannot_be_shown_is_refused_in_one_line(tmp_path):
     for motions in ({}, {str(i): motion for i in range(13)}, broken, {str(i): many for i in range(5)}):
         with pytest.raises(UserError, match=r"^[^\n]+$"):
             view(motions)
-    for audio, message in ((np.zeros((2, 16000)), "mix it to mono"), (np.full(16000, np.nan), "not finite")):
+    for audio, rate, message in (
+        (np.zeros((2, 16000)), 16000, "mix it to mono"),
+        (np.full(16000, np.nan), 16000, "not finite"),
+        (np.zeros(16000), 0, "0 samples per second"),
+        (np.zeros(16000), -5, "-5 samples per second"),
+    ):
         with pytest.raises(UserError, match=message):
-            view(motion, audio)
+            view(motion, audio, rate)
     with pytest.raises(UserError, match="no camera 'far'; expected one of body, close"):
         view(motion, camera="far")
     with pytest.raises(UserError, match=r"not 'talk\.mp4'; give a name that ends in \.html"):

@@ -17,6 +17,7 @@ from av.video.codeccontext import VideoCodecContext
 from av.video.reformatter import ColorRange
 
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import check_mono
 from ha2g_jax.figure import DEFAULT_LOOK, SHIRTS, View, align, fit, view_of
 from ha2g_jax.figure.stage import Stage, draw, paint, set_stage
 from ha2g_jax.files.writing import whole_file
@@ -62,7 +63,8 @@ def write_video(
 
     Args:
         motion: one motion, or several by name, whose figures are drawn side by side with their names.
-        audio: (samples,) float32 mono sound; with None the video is silent and lasts as long as the longest motion.
+        audio: (samples,) mono sound, floats or integers, see `features.audio.check_mono`; with None the video is silent
+            and lasts as long as the longest motion.
         size: width and height of the picture in pixels, both even, or one number for the side of a square for each
             figure.
         camera: one of `figure.CAMERAS`: "body" to the hips and the lowest hands, "close" for the upper body and hands.
@@ -71,12 +73,14 @@ def write_video(
         workers: number of threads that draw and encode; by default one for each core.
 
     Raises:
-        UserError: a motion is not valid (see `Motion.check`), the size or rate is out of range, there is no such
-            camera, or the file cannot be written.
+        UserError: a motion is not valid (see `Motion.check`), the sound or its rate cannot be used, the size or rate is
+            out of range, there is no such camera, or the file cannot be written.
     """
     motions = motion if isinstance(motion, Mapping) else {"": motion}
     for each in motions.values():
         each.check()
+    if audio is not None:
+        audio, sample_rate = check_mono(audio, sample_rate)
     width, height = check_size(size if isinstance(size, tuple) else (size * len(motions), size))
     longest = max(each.num_frames / each.fps for each in motions.values())
     rate = _to_rate(fps)

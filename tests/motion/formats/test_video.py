@@ -57,6 +57,15 @@ def test_picture_and_sound_last_as_long_as_the_speech(tmp_path, motion, seconds)
     assert np.abs(heard).max() == pytest.approx(0.3, abs=0.05)
 
 
+def test_sound_of_integers_is_that_of_floats(tmp_path, motion):
+    steps = np.rint(32767 * tone(1)).astype(np.int16)
+    for name, sound in (("a.mp4", steps), ("b.mp4", steps / 32768)):
+        write_video(tmp_path / name, motion, sound, size=32, has_progress=False)
+    assert (tmp_path / "a.mp4").read_bytes() == (tmp_path / "b.mp4").read_bytes()
+    with pytest.raises(UserError, match="0 samples per second"):
+        write_video(tmp_path / "v.mp4", motion, tone(1), 0)
+
+
 @pytest.mark.parametrize("fps", [1, 30000 / 1001, 60, 120.5])
 def test_a_video_of_another_rate_lasts_as_long(tmp_path, motion, fps):
     write_video(tmp_path / "v.mp4", motion, tone(2), size=32, fps=fps, has_progress=False)
