@@ -78,13 +78,20 @@ class _Block(NamedTuple):
     declared: int = 0  # samples of the whole file by its header, 0 if it does not state them
 
 
-def read_audio(path: str | pathlib.Path, max_seconds: float = MAX_SOUND_SECONDS) -> np.ndarray:
+def read_audio(
+    path: str | pathlib.Path, max_seconds: float = MAX_SOUND_SECONDS, *, name: str | None = None
+) -> np.ndarray:
     """Read the audio of any file that libsndfile or PyAV (FFmpeg) reads, including videos.
 
     Channels are averaged, unless they cancel each other, for example because one is inverted: then the loudest is used.
     Of several tracks the one that a player would choose is read; lost packets are replaced by silence. Samples that are
     NaN or infinite become 0; audio with a peak above 1 is scaled to a peak of 1. A warning in the log names a file with
     such samples or channels, or with inaudible sound. No more than `max_seconds` are decoded.
+
+    Args:
+        path: file of sound.
+        max_seconds: greatest length that is accepted.
+        name: name of the file in warnings, by default its path.
 
     Returns:
         (samples,) float32, mono, 16 kHz; duration x 16000 samples, rounded.
@@ -93,7 +100,7 @@ def read_audio(path: str | pathlib.Path, max_seconds: float = MAX_SOUND_SECONDS)
         UserError: the file does not exist, has no audio, only NaN, is shorter than 0.2 s or longer than `max_seconds`,
             or is beyond another limit of sound in docs/limits.md.
     """
-    return _decoded(path, lambda decode: _mono(decode, shown(path), max_seconds))
+    return _decoded(path, lambda decode: _mono(decode, name or shown(path), max_seconds))
 
 
 def read_voices(path: str | pathlib.Path) -> tuple[np.ndarray, np.ndarray]:

@@ -214,7 +214,7 @@ def _file(service: Service, sound: BinaryIO, name: str, query: MotionQuery, opti
             shutil.copyfileobj(sound, copy)
         try:
             with _reading:
-                samples = read_audio(path, max_seconds=service.settings.max_seconds)
+                samples = read_audio(path, service.settings.max_seconds, name=name)
         except UserError as error:
             raise UserError(str(error).replace(shown(path), name)) from None
         motion = service.model.generate(Audio(samples, name), **options)

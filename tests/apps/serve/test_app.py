@@ -58,6 +58,11 @@ def test_a_bad_request_is_answered_with_one_line(client, name):
     assert "\n" not in answer.error and "/tmp" not in answer.error and len(answer.error) < 1000
 
 
+def test_a_warning_about_sound_has_the_name_that_the_client_gave(client, caplog):
+    client.post("speaker=eve", wav(0.3)[:44] + bytes(9600))  # which is refused after the sound is read
+    assert [record.getMessage() for record in caplog.records] == ["a.wav is silent"]
+
+
 def test_a_body_that_is_no_form_with_one_file_is_refused(client):
     for kind in ("application/json", "audio/wav", "multipart/form-data", "application/x-www-form-urlencoded"):
         answer = client.ask("POST", "/v1/motion", b"a=b", {"Content-Type": kind})
