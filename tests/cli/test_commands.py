@@ -16,6 +16,7 @@ import pytest
 
 import ha2g_jax
 from ha2g_jax import cli
+from ha2g_jax.cli import generate
 from ha2g_jax.data.talk.speakers import default_styles
 from ha2g_jax.files.writing import whole_file
 from ha2g_jax.motion.motion import Motion
@@ -122,7 +123,7 @@ def test_a_signal_leaves_nothing_half_written(tmp_path, monkeypatch, number, cod
             signal.raise_signal(number)
             pytest.fail("the command went on")
 
-    monkeypatch.setattr(cli.generate, "_list_speakers", end)
+    monkeypatch.setattr(generate, "_list_speakers", end)
     before = signal.signal(number, signal.SIG_DFL)
     try:
         with pytest.raises(SystemExit) as stop:
