@@ -35,6 +35,9 @@ os.environ["NUMBA_CACHE_DIR"] = str(pathlib.Path(__file__).parent.parent / ".cac
 import jax
 import pytest
 
+# Under nohup SIGHUP is ignored, by the processes that tests start as well; the tests are those of a terminal.
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
 ROOT = pathlib.Path(__file__).parent.parent
 
 # Folders and files whose tests wait long for other processes, then those that compile whole steps. They run first, so

@@ -12,7 +12,7 @@ import soundfile
 from apps.live.standins import FPS, FakeStream, poses
 
 from ha2g_jax import cli, synthesis
-from ha2g_jax.apps.live import run
+from ha2g_jax.apps.live import run, sources
 from ha2g_jax.apps.live.pieces import Change, Chunk
 from ha2g_jax.apps.live.sinks import Sinks
 from ha2g_jax.motion.cues import MOST, Cue
@@ -117,9 +117,10 @@ def test_falling_behind_drops_frames_that_are_recorded_all_the_same(live, speech
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
-def test_an_interrupted_run_is_recorded_whole(live, tmp_path, capsys, number, code):
+def test_an_interrupted_run_is_recorded_whole(live, tmp_path, monkeypatch, capsys, number, code):
     soundfile.write(tmp_path / "long.wav", np.full(16000 * 60, 0.1), 16000)
-    threading.Timer(0.6, os.kill, (os.getpid(), number)).start()
+    interrupt = threading.Timer(0.6, os.kill, (os.getpid(), number))
+    monkeypatch.setattr(sources, "_say_listening", lambda name: interrupt.start())
     sinks = ("--sink", "udp://127.0.0.1:9", "--sink", tmp_path / "a.npz")
     assert live("--source", tmp_path / "long.wav", *sinks) == code
     motion = Motion.load(tmp_path / "a.npz")
