@@ -196,9 +196,9 @@ def _check_distinct(tasks: list[Task]) -> None:
     for task in tasks:
         for path in task.paths:
             real = resolved(path)
-            if real in writers and resolved(writers[real]) == resolved(task.speech):
-                raise UserError(f"{shown(task.speech)} is given twice; give each file once")
             if real in writers:
+                if resolved(writers[real]) == resolved(task.speech):
+                    raise UserError(f"{shown(task.speech)} is given twice; give each file once")
                 raise UserError(
                     f"{shown(writers[real])} and {shown(task.speech)} would both be written to {shown(path)}; "
                     "generate them one after the other, with another --out"

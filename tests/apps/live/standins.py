@@ -1,4 +1,4 @@
-"""A clock that does not wait, and a stream that computes nothing."""
+"""A clock that does not wait, a stream that computes nothing, and sounds."""
 
 import numpy as np
 
@@ -50,3 +50,15 @@ def poses(skeleton, frames):
     time = np.arange(frames)[:, None, None] / FPS
     phase = np.random.default_rng(0).uniform(0, 6, (1, skeleton.num_bones, 3))
     return normalize((skeleton.mean_directions + 0.1 * np.sin(time + phase)).astype(np.float32))
+
+
+def tone(rate, seconds=1.0):
+    return (0.3 * np.sin(2 * np.pi * 300 * np.arange(round(rate * seconds)) / rate)).astype(np.float32)
+
+
+def pcm(samples):
+    return np.round(samples * 32767).astype("<i2").tobytes()
+
+
+def joined(chunks, name="samples"):
+    return np.concatenate([getattr(chunk, name) for chunk in chunks])
