@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 from ha2g_jax.checkpoint.onnx.reading import SUFFIX as ONNX
 from ha2g_jax.errors import UserError
-from ha2g_jax.features.audio import has_sound
+from ha2g_jax.features.media import has_sound
 from ha2g_jax.features.text import Word
 from ha2g_jax.files.reading import check_regular, reading, resolved, shown, why_not_there
 from ha2g_jax.files.writing import check_kept, do_each, whole_file

@@ -1,27 +1,20 @@
-"""Sound of recordings as mono samples at 16 kHz, decoded by libsndfile or by FFmpeg in little memory."""
+"""Speech as mono samples at 16 kHz, read block by block in little memory, and what is cut from them."""
 
-import contextlib
-import functools
 import logging
 import pathlib
-from collections.abc import Callable, Generator, Iterator
-from typing import Any, NamedTuple, TypeVar
+from collections.abc import Callable, Iterator
 
-import av
 import numpy as np
-import soundfile
 import soxr
-from av.container import InputContainer
-from av.error import FFmpegError
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import quiet, reading, reason, shown
+from ha2g_jax.features.media import Block, read_sound
+from ha2g_jax.files.reading import shown
 from ha2g_jax.limits import (
     MAX_SOUND_CHANNELS,
     MAX_SOUND_RATE,
     MAX_SOUND_SECONDS,
     MAX_SOUND_VALUES,
-    MAX_VIDEO_PIXELS,
     MIN_SOUND_RATE,
 )
 from ha2g_jax.progress import counted
@@ -30,52 +23,14 @@ SAMPLE_RATE = 16000
 MIN_SECONDS = 0.2
 LOWEST_HZ = 80.0  # lowest frequency of speech, that of a deep voice
 
-_INFINITE = 1e30  # sums of larger samples would overflow
 _logger = logging.getLogger(__name__)
 
-# FFmpeg knows hundreds of formats. Some are lists of other files or of network addresses, which an untrusted file must
-# not make it open; another renders any text as a picture. The formats here are those of recordings.
-_FORMATS = (
-    *("3g2", "3gp", "aac", "ac3", "aiff", "amr", "amrnb", "amrwb", "ape", "asf", "au", "avi", "caf", "dsf", "dts"),
-    *("dtshd", "dv", "eac3", "flac", "flv", "gsm", "gxf", "h264", "hevc", "ivf", "loas", "m4v", "matroska", "mlp"),
-    *("mov", "mp3", "mp4", "mpc", "mpc8", "mpeg", "mpegts", "mpegvideo", "mxf", "nut", "obu", "ogg", "rm", "tak"),
-    *("truehd", "tta", "voc", "w64", "wav", "webm", "wtv", "wv"),
-)
-MEDIA_ERRORS = (FFmpegError, OSError, ValueError, ArithmeticError, LookupError)
-"""Exceptions that PyAV raises for damaged files."""
-_MAX_PACKET_VALUES = 1 << 23  # samples of all channels, four times as many as the longest packet of a real codec
-_OPTIONS = {
-    "format_whitelist": ",".join(_FORMATS),
-    # For the codecs that probe the beginning of a file while it is opened.
-    "max_pixels": str(MAX_VIDEO_PIXELS),
-    "max_samples": str(_MAX_PACKET_VALUES),
-}
-# Tags may have letters in any encoding. PyAV accepts them since version 19; before, it fails unless told to.
-_TAGS: Any = {} if int(av.__version__.split(".")[0]) >= 19 else {"metadata_errors": "replace"}
-
-# Exceptions of libsndfile and its wrapper, after which FFmpeg is tried.
-_SOUNDFILE_ERRORS = (soundfile.SoundFileError, OSError, ValueError, ArithmeticError, TypeError, AssertionError)
-_BLOCK = 1 << 20  # values that are decoded at a time
-_MOST_HEADER = 1024  # bytes; a file of this size may be only a header
-_LEAST_GAP = 0.015  # seconds between two frames above which there is a gap and not a rounding error
+_INFINITE = 1e30  # sums of larger samples would overflow
 _CANCELLED = 0.1  # ratio of powers below which the mean of channels is not that of independent sounds
 _INAUDIBLE = 2e-4  # range of the samples of silence, a few steps of 16-bit sound
-_UNKNOWN = 1 << 62  # libsndfile's number of samples where a header does not state it
-_RF64_SIZES, _RF64_BYTES = 20, 36  # where the sizes of a RF64 and of its sound begin and end
-_SAMPLE_DUMP = b"\xf0\x7e"
-_MPEG = b"\xff"  # first byte of MP3 without a tag; libsndfile's decoder prints to the terminal
 _PADDING = SAMPLE_RATE // 10  # samples by which both ends are extended before sound is filtered
 _PAIRWISE = 8  # number of channels from which NumPy adds in another order
 _EXPECTED = "expected (samples, rate), an array of sound and its samples per second, as soundfile.read returns it"
-
-
-_T = TypeVar("_T")
-
-
-class _Block(NamedTuple):
-    samples: np.ndarray  # (samples, channels) float32
-    rate: int  # samples per second
-    declared: int = 0  # samples of the whole file by its header, 0 if it does not state them
 
 
 def read_audio(
@@ -91,7 +46,7 @@ def read_audio(
     Args:
         path: file of sound.
         max_seconds: greatest length that is accepted.
-        name: name of the file in warnings, by default its path.
+        name: name of the file in errors and warnings, by default its path.
 
     Returns:
         (samples,) float32, mono, 16 kHz; duration x 16000 samples, rounded.
@@ -100,7 +55,11 @@ def read_audio(
         UserError: the file does not exist, has no audio, only NaN, is shorter than 0.2 s or longer than `max_seconds`,
             or is beyond another limit of sound in docs/limits.md.
     """
-    return _decoded(path, lambda decode: _mono(decode, name or shown(path), max_seconds))
+    name = name or shown(path)
+    try:
+        return read_sound(path, lambda decode: _mono(decode, name, max_seconds))
+    except UserError as error:
+        raise UserError(str(error).replace(shown(path), name)) from error
 
 
 def read_voices(path: str | pathlib.Path) -> tuple[np.ndarray, np.ndarray]:
@@ -110,33 +69,16 @@ def read_voices(path: str | pathlib.Path) -> tuple[np.ndarray, np.ndarray]:
         UserError: the file has another number of channels, or cannot be used, see `read_audio`.
     """
 
-    def read(decode: Callable[[], Iterator[_Block]]) -> tuple[np.ndarray, np.ndarray]:
+    def read(decode: Callable[[], Iterator[Block]]) -> tuple[np.ndarray, np.ndarray]:
         return _channel(decode, path, 0), _channel(decode, path, 1)
 
-    return _decoded(path, read)
+    return read_sound(path, read)
 
 
-def _decoded(path: str | pathlib.Path, read: Callable[[Callable[[], Iterator[_Block]]], _T]) -> _T:
-    """Return what `read` makes of the sound of a file, which libsndfile decodes, or else FFmpeg."""
-    path = pathlib.Path(path)
-    with reading(path, "an audio file"):
-        size = path.stat().st_size if path.is_file() else None
-    if size is None:
-        raise UserError(
-            f"{'a folder' if path.is_dir() else 'no file'} at {shown(path)}; give the path of an audio file"
-        )
-    # Sums of samples that are damaged may be infinite.
-    with reading(path, "a recording of speech"), np.errstate(over="ignore", invalid="ignore"):
-        try:
-            return read(functools.partial(_libsndfile_blocks, path))
-        except _SOUNDFILE_ERRORS:
-            return read(functools.partial(_ffmpeg_blocks, path))
-
-
-def _channel(decode: Callable[[], Iterator[_Block]], path: str | pathlib.Path, channel: int) -> np.ndarray:
+def _channel(decode: Callable[[], Iterator[Block]], path: str | pathlib.Path, channel: int) -> np.ndarray:
     """Return the samples of one of two channels, with a peak of at most 1."""
 
-    def blocks() -> Iterator[_Block]:
+    def blocks() -> Iterator[Block]:
         for block in decode():
             if (count := block.samples.shape[1]) != 2:
                 raise UserError(f"{shown(path)} has {counted(count, 'channel')}; expected 2, one for each voice")
@@ -160,7 +102,7 @@ def convert_samples(samples: np.ndarray, rate: int) -> np.ndarray:
     sound = sound[:, None] if sound.ndim == 1 else sound.T if sound.shape[0] < sound.shape[1] else sound
     if sound.shape[1] > MAX_SOUND_CHANNELS:
         raise UserError(f"the speech has the shape {np.shape(samples)}; {_EXPECTED}")
-    block = _Block(np.ascontiguousarray(sound, np.float32), rate)
+    block = Block(np.ascontiguousarray(sound, np.float32), rate)
     with np.errstate(over="ignore", invalid="ignore"):
         return _mono(lambda: iter([block]), "the speech", MAX_SOUND_SECONDS)
 
@@ -198,7 +140,7 @@ def _floats(samples: np.ndarray, rate: int) -> tuple[np.ndarray, int]:
     return sound, int(rate)
 
 
-def _mono(decode: Callable[[], Iterator[_Block]], name: str, max_seconds: float) -> np.ndarray:
+def _mono(decode: Callable[[], Iterator[Block]], name: str, max_seconds: float) -> np.ndarray:
     """Return the mean of the channels, or the loudest channel if they cancel each other, with a peak of at most 1."""
     samples, power, powers = _collect(decode(), name, max_seconds)
     # The mean of independent sounds has the power sum(powers) / channels^2.
@@ -218,7 +160,7 @@ def _limited(samples: np.ndarray) -> np.ndarray:
 
 
 def _collect(
-    blocks: Iterator[_Block], name: str, max_seconds: float, channel: int | None = None
+    blocks: Iterator[Block], name: str, max_seconds: float, channel: int | None = None
 ) -> tuple[np.ndarray, float, np.ndarray]:
     """Read sound block by block, with the same result as all of it at once.
 
@@ -313,134 +255,6 @@ def wave_window(audio: np.ndarray, start_frame: int, num_frames: int, fps: float
     return np.pad(window, (0, samples - len(window)))
 
 
-def _libsndfile_blocks(path: pathlib.Path) -> Generator[_Block, None, None]:
-    """Yield the sound of a file that libsndfile reads; the first block is empty and holds the values of the header."""
-    # The file is passed as a descriptor: with a name libsndfile would trust the suffix more than the contents, and with
-    # a Python file an offset in a damaged header would raise in a callback, where Python can only print the error.
-    with path.open("rb", buffering=0) as raw:
-        head = raw.read(3)
-        raw.seek(0)
-        if head.startswith(_SAMPLE_DUMP):
-            raise ValueError("a MIDI sample dump, whose decoder prints")
-        silence = quiet if head == b"ID3" or head[:1] == _MPEG else contextlib.nullcontext
-        with silence():
-            file = soundfile.SoundFile(raw.fileno(), closefd=False)
-        with file:
-            rate, channels = file.samplerate, file.channels
-            _check_header(path, rate, channels)
-            declared = file.frames if 0 < file.frames < _UNKNOWN else 0
-            if not file.frames and path.stat().st_size > _MOST_HEADER:
-                raise ValueError("a header that was never finished; FFmpeg reads to the end of the file")
-            yield _Block(np.zeros((0, channels), np.float32), rate, declared)
-            while True:
-                with silence():
-                    block = file.read(_BLOCK // channels, dtype="float32", always_2d=True)
-                if not len(block):
-                    return
-                yield _Block(block, rate)
-
-
-def _ffmpeg_blocks(path: pathlib.Path) -> Generator[_Block, None, None]:
-    try:
-        with open_media(path) as container:
-            if (stream := sound_track(container)) is None:
-                raise UserError(f"{shown(path)} has no sound; expected a recording of speech, or a video with sound")
-            yield from _decode(path, stream, container)
-    except MEDIA_ERRORS as error:
-        raise UserError(
-            f"{shown(path)} holds no sound that can be read ({reason(error).lower()}); expected a recording of speech"
-        ) from error
-
-
-def sound_track(container: InputContainer) -> av.AudioStream | None:
-    """Return the audio track that a player would choose: the one marked as default, or else the best one."""
-    stream = container.streams.best("audio") or next(iter(container.streams.audio), None)  # best may be None
-    return stream if isinstance(stream, av.AudioStream) else None
-
-
-def sound_start(path: pathlib.Path) -> float:
-    """Return the time in seconds at which the sound of a file starts, on the clock of its images; 0 without sound.
-
-    Raises:
-        One of `MEDIA_ERRORS`: the file cannot be read, or is not a recording.
-    """
-    with open_media(path) as container:
-        return _first_time(container)
-
-
-def sound_delay(path: pathlib.Path) -> float:
-    """Return the seconds from the beginning of a file, from which subtitles count, to that of its sound.
-
-    They are 0 without sound, and of a file that FFmpeg does not read, which has no images.
-    """
-    if not path.is_file():  # a pipe would be read for ever
-        return 0.0
-    try:
-        with open_media(path) as container:
-            return _first_time(container) - (container.start_time or 0) / av.time_base
-    except MEDIA_ERRORS:
-        return 0.0
-
-
-def _first_time(container: InputContainer) -> float:
-    stream = sound_track(container)
-    first = None if stream is None else next(container.decode(stream), None)
-    return (first.time if first else None) or 0.0
-
-
-def has_sound(path: pathlib.Path) -> bool:
-    """Return whether the beginning of a regular file is one of sound, or of a video with sound."""
-    try:
-        with contextlib.closing(_libsndfile_blocks(path)) as blocks:
-            return next(blocks, None) is not None
-    except UserError:  # sound beyond the limits
-        return True
-    except _SOUNDFILE_ERRORS:
-        pass
-    try:
-        with contextlib.closing(_ffmpeg_blocks(path)) as blocks:
-            return next(blocks, None) is not None
-    except UserError:
-        return False
-
-
-def _decode(path: pathlib.Path, stream: av.AudioStream, container: InputContainer) -> Generator[_Block, None, None]:
-    context = stream.codec_context
-    if context is None:
-        raise ValueError("of an unknown codec")
-    rate = context.sample_rate
-    _check_header(path, rate, context.channels)
-    context.options = {"max_samples": str(_MAX_PACKET_VALUES)}
-    # Interleaved, because PyAV reads beyond the planes of a frame of eight channels.
-    to_float = av.AudioResampler(format="flt")
-    start, num_samples = None, 0
-    for frame in container.decode(stream):
-        if frame.sample_rate != rate:
-            raise ValueError(f"the sample rate changes from {rate} to {frame.sample_rate}")
-        channels = frame.layout.nb_channels
-        _check_header(path, rate, channels)
-        if frame.time is not None:
-            start = frame.time if start is None else start
-            lost = round((frame.time - start) * rate) - num_samples
-            if lost > _LEAST_GAP * rate:
-                num_samples += lost
-                for first in range(0, lost, _BLOCK):  # a reader stops at its limit, whatever time a file states
-                    yield _Block(np.zeros((min(_BLOCK, lost - first), channels), np.float32), rate)
-        num_samples += frame.samples
-        for part in to_float.resample(frame):
-            yield _Block(part.to_ndarray().reshape(-1, channels), rate)
-
-
-def _check_header(path: pathlib.Path, rate: int, channels: int) -> None:
-    if not MIN_SOUND_RATE <= rate <= MAX_SOUND_RATE:
-        raise UserError(
-            f"{shown(path)} declares {rate} samples per second; expected at least {MIN_SOUND_RATE} and at most "
-            f"{MAX_SOUND_RATE}"
-        )
-    if not 1 <= channels <= MAX_SOUND_CHANNELS:
-        raise UserError(f"{shown(path)} has {channels} channels; expected 1 to {MAX_SOUND_CHANNELS}")
-
-
 def _mix(block: np.ndarray) -> np.ndarray:
     """Return the mean of the channels, (samples,), as `block.mean(axis=1)`, but several times as fast."""
     channels = block.shape[1]
@@ -450,18 +264,3 @@ def _mix(block: np.ndarray) -> np.ndarray:
     for channel in range(1, channels):
         mixed += block[:, channel]
     return mixed / np.float32(channels)
-
-
-def open_media(path: pathlib.Path) -> InputContainer:
-    """Open a file of sound or images, of any name, which the caller must close.
-
-    Raises:
-        One of `MEDIA_ERRORS`: the file cannot be read, or is not a recording.
-    """
-    with path.open("rb") as file:
-        head = file.read(_RF64_BYTES)
-    # A recorder that crashed leaves a RF64 whose sizes are 0, and all of the file is sound.
-    is_unfinished = head.startswith((b"RF64", b"BW64")) and not any(head[_RF64_SIZES:])
-    options = _OPTIONS | ({"ignore_length": "1"} if is_unfinished else {})
-    # Without "file:" the part of a name before a colon would be taken for a protocol.
-    return av.open(f"file:{path}", options=options, **_TAGS)

@@ -12,7 +12,7 @@ import soxr
 from av.stream import Disposition
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.features import audio, spectrum
+from ha2g_jax.features import audio, media, spectrum
 
 
 def tone(seconds: float, rate: int = 16000, hertz: float = 440) -> np.ndarray:
@@ -29,7 +29,7 @@ def test_reads_files_of_any_rate_and_channels(tmp_path, suffix, rate, channels):
     channels = min(channels, 2) if suffix == ".mp3" else channels
     path = tmp_path / f"speech{suffix}"
     soundfile.write(path, np.repeat(tone(1.5, rate)[:, None], channels, 1), rate)
-    assert audio.has_sound(path)
+    assert media.has_sound(path)
     samples = audio.read_audio(path)
     assert samples.dtype == np.float32
     assert len(samples) == 24000 or suffix == ".mp3"  # a lossy codec may add a frame
@@ -43,7 +43,7 @@ def test_reads_what_only_ffmpeg_reads(tmp_path):
         frame = av.AudioFrame.from_ndarray(np.repeat(tone(1.5, 48000)[None], 2, 0), format="fltp", layout="stereo")
         frame.sample_rate = 48000
         container.mux([*stream.encode(frame), *stream.encode(None)])
-    assert audio.has_sound(path)
+    assert media.has_sound(path)
     samples = audio.read_audio(path)
     assert len(samples) / 16000 == pytest.approx(1.5, abs=0.05)
     assert np.abs(samples).max() == pytest.approx(0.3, abs=0.05)
@@ -82,7 +82,7 @@ def test_no_sound_with_its_rate_is_refused_in_one_line(pair, message):
 
 @pytest.mark.parametrize("rate", [8_000, 11_025, 44_100, 48_000, 96_000])
 def test_sound_resampled_in_blocks_is_that_resampled_at_once(tmp_path, monkeypatch, rate):
-    monkeypatch.setattr("ha2g_jax.features.audio._BLOCK", 999)
+    monkeypatch.setattr("ha2g_jax.features.media._BLOCK", 999)
     samples = noise(rate + 7)
     soundfile.write(tmp_path / "speech.wav", samples, rate, subtype="FLOAT")
     expected, found = soxr.resample(samples, rate, 16_000, "HQ"), audio.read_audio(tmp_path / "speech.wav")
@@ -138,7 +138,7 @@ def test_what_has_no_sound_is_told_from_what_has(tmp_path):
     (tmp_path / "text.wav").write_text("these are words\n" * 40)
     (tmp_path / "empty.wav").touch()
     mute_video(tmp_path / "silent.mp4")
-    assert not any(audio.has_sound(tmp_path / name) for name in ("text.wav", "empty.wav", "silent.mp4"))
+    assert not any(media.has_sound(tmp_path / name) for name in ("text.wav", "empty.wav", "silent.mp4"))
 
 
 def test_reads_real_recordings(private_data):

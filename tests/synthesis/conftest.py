@@ -2,6 +2,7 @@
 
 import collections
 import contextlib
+import dataclasses
 from typing import Any
 
 import jax
@@ -46,7 +47,15 @@ def held_bytes():
         return size(vars(value), seen) if is_own and hasattr(value, "__dict__") else 0
 
     def held(stream):
-        generator = stream._generator
+        generator = stream._motion.generator
         return size(stream, {id(generator._variables), id(generator._assets), id(stream.spec)})
 
     return held
+
+
+@pytest.fixture(scope="module")
+def trained_model(debug_model):
+    """A model that was trained with windows whose end was hidden."""
+    config = debug_model.config.copy_and_resolve_references()
+    config.data.lookahead = 0.5
+    return dataclasses.replace(debug_model, config=config)

@@ -212,11 +212,8 @@ def _file(service: Service, sound: BinaryIO, name: str, query: MotionQuery, opti
         path = pathlib.Path(folder) / "speech"
         with path.open("wb") as copy:
             shutil.copyfileobj(sound, copy)
-        try:
-            with _reading:
-                samples = read_audio(path, service.settings.max_seconds, name=name)
-        except UserError as error:
-            raise UserError(str(error).replace(shown(path), name)) from None
+        with _reading:
+            samples = read_audio(path, service.settings.max_seconds, name=name)
         motion = service.model.generate(Audio(samples, name), **options)
         out = path.with_suffix(f".{query.format}")
         formats.export(motion, out, rig=query.rig)

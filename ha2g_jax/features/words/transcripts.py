@@ -10,7 +10,8 @@ from collections.abc import Callable
 import numpy as np
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.features.audio import SAMPLE_RATE, sound_delay
+from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.features.media import sound_delay
 from ha2g_jax.features.text import Word
 from ha2g_jax.features.words.encodings import read_text
 from ha2g_jax.features.words.entries import is_table, parse_json_words, parse_table

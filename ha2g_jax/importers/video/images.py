@@ -11,7 +11,7 @@ from av.container import InputContainer
 from PIL import Image
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.features.audio import MEDIA_ERRORS, open_media, sound_start
+from ha2g_jax.features.media import MEDIA_ERRORS, open_media, sound_start
 from ha2g_jax.files.reading import reason, shown
 from ha2g_jax.limits import MAX_VIDEO_IMAGE_BYTES, MAX_VIDEO_IMAGES, MAX_VIDEO_PIXELS
 from ha2g_jax.skeleton import Skeleton

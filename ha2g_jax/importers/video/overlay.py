@@ -13,7 +13,7 @@ from av.error import FFmpegError
 from PIL import Image, ImageDraw
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.features.audio import MEDIA_ERRORS, open_media, sound_track
+from ha2g_jax.features.media import MEDIA_ERRORS, open_media, sound_track
 from ha2g_jax.files.reading import reason, shown
 from ha2g_jax.files.writing import whole_file
 from ha2g_jax.importers.video import images

@@ -9,7 +9,7 @@ from collections.abc import Container
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.features import words as transcripts
-from ha2g_jax.features.audio import sound_delay
+from ha2g_jax.features.media import sound_delay
 from ha2g_jax.features.words.encodings import read_text
 from ha2g_jax.features.words.subtitles import parse_subtitles
 from ha2g_jax.files.reading import naming, parse_json, shown

@@ -1,4 +1,4 @@
-/** Motion from speech that arrives in pieces, while someone speaks, as in `ha2g_jax/synthesis/stream.py`. */
+/** Motion from speech that arrives in pieces, as in `synthesis/running_motion.py` and `stream.py` of `ha2g_jax`. */
 
 import { joined, rowsOf } from "../arrays.js";
 import { checkEnergy } from "../motion/control/effects.js";
