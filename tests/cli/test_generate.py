@@ -13,7 +13,8 @@ from fixtures.motions import swaying
 from fixtures.pages import Page
 
 from ha2g_jax import cli
-from ha2g_jax.apps.generate import find_transcript, generate_files, load, out_paths, plan
+from ha2g_jax.apps.generate import generate_files, load
+from ha2g_jax.apps.tasks import find_transcript, out_paths, plan
 from ha2g_jax.errors import UserError
 from ha2g_jax.figure import CAMERAS
 from ha2g_jax.limits import MAX_SEED

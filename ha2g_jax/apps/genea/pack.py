@@ -26,7 +26,8 @@ from ha2g_jax.apps.genea.sample import (
     FromModel,
     read_shapes,
 )
-from ha2g_jax.apps.generate import find_speech, load
+from ha2g_jax.apps.generate import load
+from ha2g_jax.apps.tasks import find_speech
 from ha2g_jax.data.validation import Verdict
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.motion_folders import MANIFEST
