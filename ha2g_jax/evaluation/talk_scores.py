@@ -3,8 +3,7 @@
 The tables also have a ceiling and floors.
 """
 
-import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -14,18 +13,17 @@ from tqdm import tqdm
 from ha2g_jax import anatomy, metrics
 from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.data.records import Clip
-from ha2g_jax.data.talk import lexicon
 from ha2g_jax.data.talk.speakers import Style
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation import talk_takes
 from ha2g_jax.evaluation.clip_result import ClipResult, check_fit, clip_identity, generate_clip, in_threads, sample
 from ha2g_jax.evaluation.evaluate import score_as_json
 from ha2g_jax.evaluation.talk_takes import MODEL, STILL, TEACHER, compare_takes
+from ha2g_jax.evaluation.word_probe import MAX_PROBE_CLIPS, probe_words
 from ha2g_jax.metrics.beats.strokes import TOLERANCE, match, stroke_beats, wrist_positions
 from ha2g_jax.metrics.causes import (
     PROBE_ACCURACY,
     CauseRow,
-    Predictions,
     expected_match,
     hand_shape,
     movement,
@@ -34,7 +32,7 @@ from ha2g_jax.metrics.causes import (
 from ha2g_jax.metrics.uncertainty import Estimate, jackknife
 from ha2g_jax.progress import progress_bar
 from ha2g_jax.skeleton import Skeleton, positions_to_directions
-from ha2g_jax.synthesis import Model, encode_features
+from ha2g_jax.synthesis import Model
 from ha2g_jax.synthesis.style import later_seed
 
 WORDLESS, MISMATCHED, MAJORITY, SHUFFLED = "model, no words", "mismatched speech", "majority", "shuffled"
@@ -45,7 +43,6 @@ CLASSES = tuple(anatomy.HAND_SHAPES)
 _SHAPES = np.array(list(anatomy.HAND_SHAPES.values()))
 _HANDS = {"left": [0], "right": [1], "both": [0, 1]}
 _STYLE = [Style._fields.index(name) for name in ("amplitude", "handedness")]
-_MAX_PROBE_CLIPS = 400
 _NOTE = "intervals against known causes are 1.96 standard errors by clip, of the style by speaker"
 
 
@@ -136,13 +133,13 @@ def score_known_causes(
     num_clips = sum(map(len, chosen.values()))
     num_taken = sum(min(talk_takes.MAX_CLIPS, len(clips)) for clips in chosen.values())
     is_probed = model.has_audio_levels and corpus.has_clips(TRAIN)
-    num_probed = num_clips + min(_MAX_PROBE_CLIPS, len(corpus.clips(TRAIN))) if is_probed else 0
+    num_probed = num_clips + min(MAX_PROBE_CLIPS, len(corpus.clips(TRAIN))) if is_probed else 0
     with progress_bar("scoring against known causes", num_clips + num_taken + num_probed, "clip") as progress:
         results = {
             name: _score_split(model, corpus, clips, seed, look_ahead, by_speaker, streams.get(name), progress)
             for name, clips in chosen.items()
         }
-        accuracies = _probe(model, corpus, chosen, seed, progress) if is_probed else {}
+        accuracies = probe_words(model, corpus, chosen, seed, progress) if is_probed else {}
     for name, (own, majority) in accuracies.items():
         for row, predictions in ((MODEL, own), (MAJORITY, majority)):
             accuracy = score_as_json(PROBE_ACCURACY.measure(predictions))
@@ -349,75 +346,3 @@ def semantic_floors(row: CauseRow) -> tuple[dict[str, Estimate], dict[str, Estim
 def _shared_time(trial: Trial, fps: float, first_frame: int) -> tuple[float, float]:
     """Return start and end in seconds of the scored part."""
     return first_frame / fps, min(trial.truth.num_frames, len(trial.observed.wrists)) / fps
-
-
-def _probe(
-    model: Model, corpus: Corpus, chosen: Mapping[str, Sequence[Clip]], seed: int, progress: tqdm
-) -> dict[str, tuple[Predictions, Predictions]]:
-    training = corpus.clips(TRAIN)
-    probed = sample(len(training), _MAX_PROBE_CLIPS, seed)
-    words = {name: collect_words(_with_features(model, clips, progress), model.fps) for name, clips in chosen.items()}
-    fitted = (training[index] for index in probed)
-    return predict_classes(collect_words(_with_features(model, fitted, progress), model.fps), words)
-
-
-def _with_features(model: Model, clips: Iterable[Clip], progress: tqdm) -> Iterator[tuple[Clip, np.ndarray]]:
-    """Yield the clips with f_high."""
-    for clip in clips:
-        yield clip, np.asarray(encode_features(model, clip.audio).high)
-        progress.update()
-
-
-class ProbeWords(NamedTuple):
-    """Words that carry a gesture: f_high (n, 32) at their onsets, their classes and the ids of their clips."""
-
-    features: np.ndarray
-    classes: np.ndarray
-    clips: np.ndarray
-
-
-def collect_words(clips: Iterable[tuple[Clip, np.ndarray]], fps: float) -> ProbeWords:
-    """Collect the gesture-bearing words of clips, each given with its f_high (T, 32)."""
-    features, classes, ids = [], [], []
-    for clip, high in clips:
-        for word in clip.words:
-            frame = int(word.start * fps)
-            if (name := lexicon.word_class(word.text)) and frame < len(high):
-                features.append(high[frame])
-                classes.append(name)
-                ids.append(clip.id)
-    return ProbeWords(np.array(features), np.array(classes), np.array(ids))
-
-
-def predict_classes(train: ProbeWords, splits: Mapping[str, ProbeWords]) -> dict[str, tuple[Predictions, Predictions]]:
-    """Predict the classes of words from f_high by multinomial logistic regression, fitted to training clips only.
-
-    The probe tells whether the audio encoder represents the word: if it is above its floor while the hands are at
-    theirs, the decoder is at fault. It is not part of the objective; no label reaches the model.
-
-    Returns:
-        {split: the predictions, and those of always choosing the most frequent class of `train`} for splits with words;
-        {} if the training clips have fewer than two classes.
-    """
-    names, counts = np.unique(train.classes, return_counts=True)
-    if len(names) < 2:
-        return {}
-    from sklearn.exceptions import ConvergenceWarning
-    from sklearn.linear_model import LogisticRegression
-    from sklearn.pipeline import make_pipeline
-    from sklearn.preprocessing import StandardScaler
-
-    model = make_pipeline(StandardScaler(), LogisticRegression(max_iter=2000))
-    with warnings.catch_warnings():
-        # Features of an untrained encoder may be constant; the probe is then at its floor, which the table shows.
-        warnings.simplefilter("ignore", ConvergenceWarning)
-        model.fit(train.features, train.classes)
-    most = names[np.argmax(counts)]
-    return {
-        split: (
-            Predictions(model.predict(words.features) == words.classes, words.clips),
-            Predictions(words.classes == most, words.clips),
-        )
-        for split, words in splits.items()
-        if len(words.classes)
-    }
