@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.evaluation.evaluate import beat_rates, compare, evaluate, won_metrics
+from ha2g_jax.evaluation.evaluate import compare, evaluate
+from ha2g_jax.evaluation.remarks import beat_rates, won_metrics
 from ha2g_jax.evaluation.rows import make_rows
 from ha2g_jax.metrics.row import Cut, choose_cut
 from ha2g_jax.metrics.sanity import (
