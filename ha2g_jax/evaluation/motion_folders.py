@@ -20,16 +20,8 @@ from ha2g_jax.metrics import sanity
 from ha2g_jax.metrics.beats import rests
 from ha2g_jax.metrics.beats.times import audio_onsets
 from ha2g_jax.metrics.sanity import MISMATCHED, TRUTH
-from ha2g_jax.motion.readers import (
-    SUFFIXES,
-    Reading,
-    borders_of,
-    is_motion,
-    read_content,
-    read_motion,
-    smplx,
-    smplx_arrays,
-)
+from ha2g_jax.motion.readers import SUFFIXES, Reading, borders_of, is_motion, read_motion, smplx, smplx_arrays
+from ha2g_jax.motion.readers.containers import read_content
 from ha2g_jax.motion.readers.recordings import AUDIO_SUFFIXES
 from ha2g_jax.motion.readers.smplx_body import JOINTS, Body, read_body_model, template
 from ha2g_jax.motion.resample import num_frames, resample

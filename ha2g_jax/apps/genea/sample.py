@@ -19,7 +19,8 @@ from ha2g_jax.motion.formats.tables import arrays_of
 from ha2g_jax.motion.lower_body import JOINTS as LOWER_JOINTS
 from ha2g_jax.motion.lower_body import SOLE
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.motion.readers import Reading, check_reading, read_content, read_motion, smplx, smplx_arrays
+from ha2g_jax.motion.readers import Reading, check_reading, read_motion, smplx, smplx_arrays
+from ha2g_jax.motion.readers.containers import read_content
 from ha2g_jax.motion.readers.recordings import other_rate
 from ha2g_jax.motion.readers.smplx_arrays import NUM_SMPLH
 from ha2g_jax.motion.readers.smplx_body import JOINTS, Body, template

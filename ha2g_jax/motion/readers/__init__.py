@@ -24,39 +24,24 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.npz import read_npz
-from ha2g_jax.files.reading import check_regular, naming, parse_json, read_bytes, reading, reason, shown
-from ha2g_jax.limits import MAX_MOTION_BYTES, MAX_MOTION_JSON_BYTES
-from ha2g_jax.motion import motion as motions
+from ha2g_jax.files.reading import naming, reason, shown
 from ha2g_jax.motion.armature import export_axes, world
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.readers import array_files, bvh_motion, joint_maps, smplx, smplx_arrays, trees
 from ha2g_jax.motion.readers.body import ARM_RANGE, FACE, add_rest_face, arm_length, check_arms, check_stated
 from ha2g_jax.motion.readers.bvh import Bvh
+from ha2g_jax.motion.readers.containers import SUFFIXES, Content, is_motion, read_content
 from ha2g_jax.motion.readers.smplx_body import template
 from ha2g_jax.motion.resample import num_frames, resample
 from ha2g_jax.motion.solver import animate
 from ha2g_jax.skeleton import SKELETONS, hand_joints, load_skeleton
 
-__all__ = ["SUFFIXES", "Reading", "at_rate", "borders_of", "check_reading", "read_motion"]
-
-SUFFIXES = (".npz", ".bvh", ".glb", ".vrma", ".json", ".csv", ".npy")
-"""Suffixes by which files of motion are found in a folder."""
+__all__ = ["SUFFIXES", "Reading", "at_rate", "borders_of", "check_reading", "is_motion", "read_motion"]
 
 _logger = logging.getLogger(__name__)
 
-_KINDS = ".npz, .npy, .bvh, .glb, .vrma, .json or .csv"
-_EXPECTED = f"a motion: {_KINDS}"
 _TREES = {".bvh": "BVH", ".glb": "glTF", ".json": "table", ".csv": "table"}  # kinds by container
 _FACTS = ("fps", "joint_map", "unit", "up")  # facts about the motion of a tree that are stored in `meta`
-_PICKLES = (".pkl", ".pickle", ".p", ".pk")
-_PICKLE = b"\x80"  # begins every pickle of protocol 2 or later
-_BEGINNINGS = {
-    **{b"PK": ".npz", b"\x93NUMPY": ".npy", b"{": ".json", b"[": ".json", b"HIERARCHY": ".bvh"},
-    **{b"GLTF": ".glb", trees.CSV.upper(): ".csv"},
-}
-_HEAD = 64  # bytes that show the container
-_MAX_GROUPS = 2_000_000  # lists of a JSON file, which take long to parse; a position of a joint is one
 
 
 class Reading(TypedDict, total=False):
@@ -71,12 +56,6 @@ class Reading(TypedDict, total=False):
     joint_map: str
     source_fps: float | None
     unit: float | None
-
-
-def is_motion(path: pathlib.Path) -> bool:
-    """Return whether a file in a folder is motion by its name, and a `.csv`, which may hold words, by its content."""
-    suffix = path.suffix.lower()
-    return suffix in SUFFIXES and path.is_file() and (suffix != ".csv" or trees.is_csv(path))
 
 
 def check_reading(paths: Sequence[pathlib.Path], **reading: Unpack[Reading]) -> None:
@@ -136,21 +115,6 @@ def borders_of(motion: Motion, path: pathlib.Path) -> tuple[int, ...]:
         ) from error
 
 
-class Content(NamedTuple):
-    """What a file of motion holds.
-
-    Attributes:
-        container: one of `SUFFIXES`, ".glb" for `.vrma` as well, whatever the suffix of the path.
-        arrays: values by name of `.npz` and `.json`; those of other names are not read.
-        array: the array of a `.npy`, empty for others.
-    """
-
-    path: pathlib.Path
-    container: str
-    arrays: Mapping[str, Any]
-    array: np.ndarray
-
-
 class _Options(NamedTuple):
     """The options of `read_motion`."""
 
@@ -159,64 +123,6 @@ class _Options(NamedTuple):
     joint_map: str = joint_maps.AUTO
     source_fps: float | None = None
     unit: float | None = None
-
-
-def read_content(path: pathlib.Path) -> Content:
-    """Read the arrays of a file of motion; of a tree of joints, such as BVH, nothing is read yet.
-
-    Raises:
-        UserError: the file is missing, a pickle, damaged or too large, or none of `SUFFIXES`.
-    """
-    check_regular(path, _EXPECTED)
-    container = _container(path)
-    arrays: Mapping[str, Any] = {}
-    array = np.zeros(0)
-    if container == ".npz":
-        names = {*motions.ARRAYS, *array_files.ARRAYS, *smplx_arrays.NAMES}
-        arrays = read_npz(path, max_bytes=MAX_MOTION_BYTES, names=names)
-    elif container == ".npy":
-        found = read_npz(path, max_bytes=MAX_MOTION_BYTES)
-        if len(found) != 1:  # an archive behind other bytes
-            raise UserError(f"{shown(path)} contains {len(found)} arrays; expected one, as in every .npy file")
-        [array] = found.values()
-    elif container == ".json":
-        arrays = _read_json(path)
-    return Content(path, container, arrays, array)
-
-
-def _container(path: pathlib.Path) -> str:
-    """Return the suffix that the first bytes of a file stand for, or its own where they do not tell."""
-    with reading(path, _EXPECTED), path.open("rb") as file:
-        head = file.read(_HEAD)
-    suffix = path.suffix.lower()
-    if head.startswith(_PICKLE) or suffix in _PICKLES:
-        raise UserError(
-            f"{shown(path)} is a pickle, which may run code when it is read; load it where you trust it and save its "
-            "arrays with numpy.savez"
-        )
-    text = head.removeprefix(b"\xef\xbb\xbf").lstrip().upper()
-    for beginning, container in _BEGINNINGS.items():
-        if text.startswith(beginning):
-            return container
-    if suffix in SUFFIXES:
-        return ".glb" if suffix == ".vrma" else suffix
-    raise UserError(f"{shown(path)} is not a motion; expected {_KINDS}")
-
-
-def _read_json(path: pathlib.Path) -> Mapping[str, Any]:
-    text = read_bytes(path, "a motion in JSON", MAX_MOTION_JSON_BYTES)
-    if text.count(b"[") + text.count(b"{") > _MAX_GROUPS:
-        raise UserError(f"{shown(path)} has more than {_MAX_GROUPS} lists; give it as .npz, or cut the motion")
-    with reading(path, "a motion in JSON"):
-        content = parse_json(text)
-    if not isinstance(content, dict):
-        raise UserError(
-            f"{shown(path)} holds no motion but a {type(content).__name__}; expected positions (T, J, 3), fps and "
-            "joint_names (J,)"
-        )
-    if "asset" in content:
-        raise UserError(f"{shown(path)} is glTF as text (.gltf); export it as .glb")
-    return {name: content[name] for name in (*array_files.ARRAYS, *trees.TABLE) if name in content}
 
 
 def _reader_of(content: Content) -> Callable[[Content, _Options], Motion]:
