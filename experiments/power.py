@@ -125,26 +125,25 @@ def main() -> int:
     """Print the spreads and the power."""
     plan = plan_table(Request(TABLE, "talk", FACTORIAL.name, "", (0,), FACTORIAL, has_training=False))
     found = {row: {run.seed: plan.kept.find(run) for run in runs} for row, runs in plan.rows.items()}
-    blocks = {
+    scores = {
         row: {seed: one.scores for seed, one in mine.items() if one and one.scores} for row, mine in found.items()
     }
-    spreads = read_spreads(read_kept(STUDY), blocks)
+    spreads = read_spreads(read_kept(STUDY), scores)
     lines = [("measure", "smallest effect that matters", "run", "speakers")]
     lines += [
         (measure.title, f"{measure.matters:.3f}", f"{error.run:.3f}", f"{error.speakers:.3f}")
         for measure, error in zip(MEASURES, [error for mine in spreads for error in mine], strict=True)
     ]
     print(markdown(lines), "\n")
-    head = [
+    rows = [
         (
             "blocks",
             *(f"{question.control}: held from, times what matters; not held without effect" for question in QUESTIONS),
         )
     ]
-    for blocks in BLOCKS:
-        found = simulate(spreads, blocks)
-        head.append((str(blocks), *(f"{size:.1f}; {ratio:.0%}" for size, ratio in found)))
-    print(markdown(head))
+    for count in BLOCKS:
+        rows.append((str(count), *(f"{size:.1f}; {ratio:.0%}" for size, ratio in simulate(spreads, count))))
+    print(markdown(rows))
     return 0
 
 

@@ -8,6 +8,7 @@ from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.spectrum import HOP_LENGTH, NUM_MELS, window_columns
 from ha2g_jax.layers import resnet_se
 from ha2g_jax.layers.resampling import frame_centres
+from torch_peer.encoders import ResidualBlock
 
 _REDUCTION = 8
 _MEL_RANGE = 80.0
@@ -26,20 +27,12 @@ class SqueezeExcite(nn.Module):
         return x * gate[:, :, None, None]
 
 
-class BasicBlock(nn.Module):
+class BasicBlock(ResidualBlock):
     """conv, ReLU, BN, conv, BN, SE, add, ReLU; the shortcut is a 1x1 conv and BN where the shape changes."""
 
     def __init__(self, inputs: int, channels: int, stride: int):
-        super().__init__()
-        self.conv_1 = nn.Conv2d(inputs, channels, 3, stride, 1, bias=False)
-        self.norm_1 = nn.BatchNorm2d(channels)
-        self.conv_2 = nn.Conv2d(channels, channels, 3, 1, 1, bias=False)
-        self.norm_2 = nn.BatchNorm2d(channels)
+        super().__init__(inputs, channels, stride)
         self.se = SqueezeExcite(channels)
-        self.has_shortcut = stride != 1 or inputs != channels
-        if self.has_shortcut:
-            self.shortcut_conv = nn.Conv2d(inputs, channels, 1, stride, bias=False)
-            self.shortcut_norm = nn.BatchNorm2d(channels)
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         y = self.norm_1(F.relu(self.conv_1(x)))

@@ -29,8 +29,6 @@ from ha2g_jax.train.objective import Objective
 from torch_peer import losses
 from torch_peer.model import Discriminator, Generator
 
-PASSES = (1, 3)
-
 
 def check(config: Config) -> None:
     """Check that there is such a step for a config.

@@ -241,16 +241,13 @@ def as_markdown(
     blocks, count = _blocks(records), max(map(len, records.values()))
     missing = sum(one.scores is None for mine in records.values() for one in mine.values())
     measured, has_passed = gate(scores, size)
-    said = (
-        "none at this size"
-        if size == "debug"
-        else "passed"
-        if has_passed
-        else _FAILED
-        if min(measured.values(), default=_GATE) < _GATE
-        else "open"
-    )
-    effects = [[[*blocks.values()] for blocks in mine] for mine in _effects(scores if has_passed else {})]
+    if size == "debug":
+        said = "none at this size"
+    elif has_passed:
+        said = "passed"
+    else:
+        said = _FAILED if min(measured.values(), default=_GATE) < _GATE else "open"
+    effects = [[[*each.values()] for each in mine] for mine in _effects(scores if has_passed else {})]
     answers = judge(effects)
     cells = [("cell", *(measure.title.removeprefix("log ") for measure in MEASURES), "seeds")]
     failed = [

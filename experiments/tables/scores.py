@@ -119,12 +119,8 @@ def _add_hands(
     speakers = [clips.fields(index)["speaker"] for index in range(len(clips))]
     own, true = ([clip.directions for clip in side] for side in (motions, truth))
     value, without = hands.hands_fgd(corpus.skeleton, axes, own, true, speakers)
-    known["rows"][MODEL][factorial.HANDS_FGD] = {"value": _finite(value), "low": None, "high": None}
-    known["without_speakers"][factorial.HANDS_FGD] = {name: _finite(each) for name, each in without.items()}
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+    known["rows"][MODEL][factorial.HANDS_FGD] = {"value": _value(value), "low": None, "high": None}
+    known["without_speakers"][factorial.HANDS_FGD] = {name: _value(each) for name, each in without.items()}
 
 
 def _known_causes(corpus: Corpus, split: str, motion: dict[str, np.ndarray]) -> dict[str, Any]:

@@ -140,15 +140,15 @@ def generate_files(
     if needs_words and words is None:
         results = [path for task in tasks for path in task.paths]
         check_kept(results, [find_transcript(task.speech) for task in tasks])
-    if len(tasks) == 1:
-        _generate(model, tasks[0], seeds, words, rig, picture, report, options)
-        return tasks[0].paths
-    model.check_options(**options)  # said once, not for each file
 
     def generate(task: Task) -> None:
-        _generate(model, task, seeds, None, rig, picture, report, options)
+        _generate(model, task, seeds, words, rig, picture, report, options)
 
-    do_each("generating", [(task.speech, functools.partial(generate, task)) for task in tasks])
+    if len(tasks) == 1:
+        generate(tasks[0])
+    else:
+        model.check_options(**options)  # said once, not for each file
+        do_each("generating", [(task.speech, functools.partial(generate, task)) for task in tasks])
     return tuple(path for task in tasks for path in task.paths)
 
 

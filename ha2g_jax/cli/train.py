@@ -94,16 +94,11 @@ def _runs(arguments: argparse.Namespace) -> None:
 def _doctor(arguments: argparse.Namespace) -> int:
     from ha2g_jax import launch
 
-    allowed, kind = (), "a check of the machine"
-    if arguments.describe:
-        kind = "--describe"
-    elif arguments.gradients:
-        allowed, kind = ("checkpoint",), "--gradients"
-    elif arguments.benchmark:
-        allowed, kind = ("checkpoint", *_BENCHMARK), "--benchmark"
-    refuse_others(arguments, allowed, ("checkpoint", *_BENCHMARK), kind)
-    smallest = None if kind == "a check of the machine" else "talk:small"
-    spec = arguments.config or smallest
+    options = {"describe": (), "gradients": ("checkpoint",), "benchmark": ("checkpoint", *_BENCHMARK)}
+    kind = next((name for name in options if getattr(arguments, name)), "")
+    title = f"--{kind}" if kind else "a check of the machine"
+    refuse_others(arguments, options.get(kind, ()), options["benchmark"], title)
+    spec = arguments.config or (kind and "talk:small")
     config = launch.load_config(spec) if spec else None
 
     if arguments.describe:

@@ -176,16 +176,17 @@ def as_svg(figure: "Figure", label: str) -> str:
     text = re.sub(r"<metadata>.*?</metadata>\s*", "", text[text.index("<svg") :], flags=re.DOTALL)
     text = re.sub(r' id="(?![mpc][0-9a-f]{10})[^"]*"', "", text)  # those of groups are the same in every chart
     text = re.sub(r"<[^>]*>", lambda tag: re.sub(r"(\d\.\d)\d+", r"\1", tag[0]), text)
-    shown = html.escape(_printable(label))
+    shown = html.escape(printable(label))
     head = f'<svg role="img" aria-label="{shown}" '
     return text.replace("<svg ", head, 1).replace(">", f"><title>{shown}</title>", 1).strip() + "\n"
 
 
 def literal(text: str) -> str:
     """Escape a text so that matplotlib shows it literally, and cut it if it is long."""
-    text = _printable(text if len(text) <= _NAME_LETTERS else f"{text[: _NAME_LETTERS - 3]}...")
+    text = printable(text if len(text) <= _NAME_LETTERS else f"{text[: _NAME_LETTERS - 3]}...")
     return text.replace("$", r"\$")
 
 
-def _printable(text: str) -> str:
+def printable(text: str) -> str:
+    """Return a text in one line, without control characters and those that change the direction of text."""
     return "".join(letter if letter.isprintable() else " " for letter in text)

@@ -167,7 +167,7 @@ def _check_clips(corpus: Corpus, split: str) -> None:
 
 
 def in_threads(function: Callable[[Item], Value], items: Iterable[Item]) -> Iterator[Value]:
-    """Yield the function of each item, in order. A stream, one short window after the other, keeps one core busy."""
+    """Yield the result of a function for each item, in order, with a thread for each core: a stream keeps one busy."""
     with ThreadPoolExecutor(os.cpu_count()) as executor:
         yield from executor.map(function, items)
 

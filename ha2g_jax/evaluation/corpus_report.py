@@ -97,6 +97,7 @@ def write_report(
     corpus = Corpus.open(path)
     recorded = None if recording is None else _read_recording(recording, corpus, reading)
     summary = summarise(path)
+    clips = _training(corpus)
     sections = [
         _head(summary),
         _numbers(summary),
@@ -105,8 +106,8 @@ def write_report(
         *_import(summary),
         *_speech(summary),
         *_motion(summary, corpus.skeleton, recorded),
-        *_wrists(corpus, recorded),
-        *_causes(corpus),
+        *_wrists(corpus, clips, recorded),
+        *_causes(corpus, clips),
     ]
     template = importlib.resources.files("ha2g_jax") / "assets" / "corpus_report.html"
     title = html.escape(f"{summary['name']}: corpus report")
@@ -328,9 +329,8 @@ def _deviation(mean: float, deviation: float) -> Mark:
     return Mark(mean, mean - deviation, mean + deviation)
 
 
-def _wrists(corpus: Corpus, recorded: np.ndarray | None) -> Iterator[str]:
+def _wrists(corpus: Corpus, clips: Sequence[dict[str, Any]], recorded: np.ndarray | None) -> Iterator[str]:
     """Make the table of how the wrists move in training and in a recording."""
-    clips = _training(corpus)
     motions = [fields["positions"] for fields in clips if fields["window_starts"]]
     people = {"this corpus": motions, "recording": [] if recorded is None else [recorded]}
     columns = {name: wrist_motion(corpus.skeleton, each, corpus.fps) for name, each in people.items() if each}
@@ -380,9 +380,8 @@ def wrist_motion(skeleton: Skeleton, motions: Sequence[np.ndarray], fps: float) 
     }
 
 
-def _causes(corpus: Corpus) -> Iterator[str]:
+def _causes(corpus: Corpus, clips: Sequence[dict[str, Any]]) -> Iterator[str]:
     """Make the section on what causes the motion of a Talk corpus, and what its speakers look like."""
-    clips = _training(corpus)
     if not clips or not all(fields["style"] for fields in clips):
         return
     minutes = sum(len(fields["positions"]) for fields in clips) / corpus.fps / 60

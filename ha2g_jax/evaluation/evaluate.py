@@ -142,7 +142,7 @@ def _measure_rows(made: Rows, intervals: Intervals, *, has_legacy: bool) -> tupl
         scores[name] = measure(row, "rows")
         found["rows"][name] = {key: intervals(score) for key, score in scores[name].items()}
         found["rows"][name] |= _draws(row, found["rows"][name])
-        found["counts"][name] = {key: number(value) for key, value in row.once(row_alignment.clip_counts).items()}
+        found["counts"][name] = {key: json_number(value) for key, value in row.once(row_alignment.clip_counts).items()}
         if has_legacy:
             found["legacy_v1"][name] = {key: intervals(score) for key, score in measure(row, "legacy_v1").items()}
         if row is not made.truth:
@@ -163,7 +163,7 @@ def _draws(row: Row, scores: Mapping[str, Any]) -> dict[str, dict[str, float | N
         draws = metrics.lookup(name).draws
         values = draws(row) if draws else None
         if values is not None:
-            found[name] = score | {"value": number(values.mean()), "sd": number(values.std(ddof=1))}
+            found[name] = score | {"value": json_number(values.mean()), "sd": json_number(values.std(ddof=1))}
     return found
 
 
@@ -239,7 +239,7 @@ def _describe(truth: Row, autoencoder: "PoseFeatures | None") -> dict[str, Any] 
         "latent_dim": autoencoder.latent_dim,
         "fps": autoencoder.fps,
         "window": WINDOW_FRAMES,
-        "reconstruction_error": number(autoencoder.reconstruction_error(windows)),
+        "reconstruction_error": json_number(autoencoder.reconstruction_error(windows)),
     }
 
 
@@ -277,7 +277,7 @@ def compare(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, An
 
 def _side_by_side(first: dict[str, Any], second: dict[str, Any]) -> dict[str, Any]:
     before, after = first["value"], second["value"]
-    difference = None if before is None or after is None else number(after - before)
+    difference = None if before is None or after is None else json_number(after - before)
     return {"first": first, "second": second, "difference": difference}
 
 
@@ -292,10 +292,10 @@ def _spread(values: np.ndarray) -> dict[str, float | None]:
 
 def _as_json(values: Any) -> dict[str, float | None]:
     """Return a NamedTuple of numbers as a dict."""
-    return {name: number(value) for name, value in values._asdict().items()}
+    return {name: json_number(value) for name, value in values._asdict().items()}
 
 
-def number(value: float) -> float | None:
+def json_number(value: float) -> float | None:
     """Return a number for JSON, None if it is undefined."""
     return float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None
 
@@ -306,8 +306,8 @@ def score_as_json(score: Score) -> dict[str, float | None]:
     The bounds are 1.96 standard errors below and above the value; a number has none.
     """
     if not isinstance(score, Estimate):
-        number = cast("float | None", score)
-        return _as_json(Interval(math.nan if number is None else number, math.nan, math.nan))
+        value = cast("float | None", score)
+        return _as_json(Interval(math.nan if value is None else value, math.nan, math.nan))
     value, error = score
     bounds = (value, value - _Z * error, value + _Z * error, error)
     return {

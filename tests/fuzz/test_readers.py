@@ -52,9 +52,9 @@ def look_at_video(path: pathlib.Path) -> None:
 
 
 def copy_video(path: pathlib.Path) -> None:
-    count = len(images.image_times(path))
-    points = np.random.default_rng(0).uniform(0, recordings.SIDE, (count, 43, 2))
-    overlay.write_overlay(path.with_suffix(".copy.mp4"), path, points, np.ones((count, 43)))
+    times = images.image_times(path)
+    points = np.random.default_rng(0).uniform(0, recordings.SIDE, (len(times), 43, 2))
+    overlay.write_overlay(path.with_suffix(".copy.mp4"), path, times, points, np.ones((len(times), 43)))
 
 
 def consume_motion(path: pathlib.Path) -> None:

@@ -47,7 +47,7 @@ def run(checkpoint: str | pathlib.Path, settings: Settings) -> None:
     """Load and compile a model, then answer requests until SIGTERM or Ctrl-C.
 
     Raises:
-        UserError: the settings or the model cannot be used, or the address is taken.
+        UserError: the model cannot be used, or the address is taken.
         KeyboardInterrupt: Ctrl-C, after the running requests.
     """
     with (
@@ -59,7 +59,7 @@ def run(checkpoint: str | pathlib.Path, settings: Settings) -> None:
             warm_up(model)
         service, was_interrupted = Service(model, settings, folder), False
         try:
-            Server(service, announce=True).run(sockets=[listener])
+            Server(service).run(sockets=[listener])
         except KeyboardInterrupt:  # uvicorn raises it when it has stopped
             was_interrupted = True
     leave(service, 128 + signal.SIGINT if was_interrupted else 0)
@@ -83,14 +83,9 @@ def warm_up(model: Model) -> None:
 
 
 class Server(uvicorn.Server):
-    """Server of one service, which waits for running requests and streams when it is stopped.
+    """Server of one service, which waits for running requests and streams when it is stopped."""
 
-    Args:
-        service: service to run.
-        announce: whether to print the address when requests are taken.
-    """
-
-    def __init__(self, service: Service, *, announce: bool = False):
+    def __init__(self, service: Service):
         settings = service.settings
         config = uvicorn.Config(
             create_app(service),
@@ -108,12 +103,12 @@ class Server(uvicorn.Server):
         )
         super().__init__(config)
         logging.getLogger("uvicorn.error").addFilter(_is_error)
-        self.service, self._announce = service, announce
+        self.service = service
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)
         self.service.counters.workers.set(1)
-        if self._announce and sockets:
+        if sockets:
             tqdm.write(f"ha2g: ready at {url(sockets[0])}", file=sys.stderr)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:

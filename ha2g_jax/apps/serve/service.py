@@ -69,7 +69,7 @@ class Stopped(Exception):
     """The service has been stopped, and a request did not end in time."""
 
 
-class Places:
+class Slots:
     """A number of slots, one for each running request.
 
     Attributes:
@@ -117,12 +117,12 @@ class Service:
     def __init__(self, model: "Model", settings: Settings, folder: str | None = None):
         self.folder = folder
         self.model, self.settings, self.counters = model, settings, Counters()
-        self.motions = Places(settings.requests, self.counters.running)
-        self.sessions = Places(settings.sessions, self.counters.sessions)
+        self.motions = Slots(settings.requests, self.counters.running)
+        self.sessions = Slots(settings.sessions, self.counters.sessions)
         self.is_stopping = False
-        # As many threads as slots, so that no stream waits for the thread of a long motion.
         self._stopped = asyncio.Event()
         self._work: set[Future] = set()
+        # As many threads as slots, so that no stream waits for the thread of a long motion.
         self._threads = ThreadPoolExecutor(max(settings.requests + settings.sessions, 1), "ha2g-serve")
 
     @property

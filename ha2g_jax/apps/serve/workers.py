@@ -99,10 +99,6 @@ class Child:
         return cls(process, control, str(counts))
 
     @property
-    def is_ready(self) -> bool:
-        return self.report.is_ready
-
-    @property
     def rank(self) -> tuple[bool, bool, int]:
         """Return the sort key by which workers are given connections: free ones come first."""
         is_silent = time.monotonic() - self._heard > _SILENT_SECONDS
@@ -110,7 +106,7 @@ class Child:
 
     def give(self, connection: socket.socket) -> bool:
         """Send it a connection, which is closed here when it has been received, and return whether that succeeded."""
-        if not self.is_ready:
+        if not self.report.is_ready:
             return False
         try:
             socket.send_fds(self._control, [b"c"], [connection.fileno()])
@@ -159,7 +155,7 @@ def run(checkpoint: str | pathlib.Path, settings: Settings) -> None:
     """Start the workers, then share the connections among them until SIGTERM or Ctrl-C.
 
     Raises:
-        UserError: the settings or the model cannot be used, the address is taken, or a first worker has failed.
+        UserError: the model cannot be used, the address is taken, or a first worker has failed.
         KeyboardInterrupt: Ctrl-C, after the running requests.
     """
     if not hasattr(socket, "send_fds"):
@@ -195,7 +191,7 @@ class Workers:
 
     @property
     def _num_ready(self) -> int:
-        return sum(child.is_ready for child in self._children)
+        return sum(child.report.is_ready for child in self._children)
 
     async def run(self) -> int:
         """Run until a signal, and return its number when the workers have ended.

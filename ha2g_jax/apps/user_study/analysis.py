@@ -14,7 +14,7 @@ from ha2g_jax.apps.user_study.answers import Choices, Ratings, choices_of, ratin
 from ha2g_jax.apps.user_study.design import KINDS, MISMATCH, PREFERENCE, Key, read_key
 from ha2g_jax.apps.user_study.estimates import LEVEL, CrossedEstimate, Share, agreement, mean, share, system_differences
 from ha2g_jax.errors import require
-from ha2g_jax.evaluation.evaluate import number
+from ha2g_jax.evaluation.evaluate import json_number
 from ha2g_jax.metrics.uncertainty import holm
 
 
@@ -137,10 +137,10 @@ def _json(estimate: CrossedEstimate, *fields: str) -> dict[str, Any]:
 
 def _number(value: Any) -> float | str | None:
     """Return a number for JSON, "inf" or "-inf" if it is infinite, None if it is undefined."""
-    return str(float(value)) if math.isinf(value) else number(float(value))
+    return str(float(value)) if math.isinf(value) else json_number(float(value))
 
 
 def _with_holm(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Add "p_holm" to rows: the p-values after the correction of Holm (1979) for all rows that have one."""
     corrected = iter(holm([row["p"] for row in rows if row["p"] is not None]))
-    return [{**row, "p_holm": number(math.nan if row["p"] is None else next(corrected))} for row in rows]
+    return [{**row, "p_holm": json_number(math.nan if row["p"] is None else next(corrected))} for row in rows]

@@ -81,10 +81,8 @@ def read_answers(paths: Sequence[pathlib.Path], key: Key) -> Answers:
                 content = read_json(path, _EXPECTED, MAX_ANSWER_BYTES)
                 participant = _name_of(content)
                 kept.append((_participant(content, path, key), path))
-            except UserError as error:  # of the file, whose name the message has
+            except (UserError, ValueError) as error:  # a UserError begins with the name of the file
                 excluded[path] = Exclusion(shown(path), participant, str(error).removeprefix(f"{shown(path)} "))
-            except ValueError as error:
-                excluded[path] = Exclusion(shown(path), participant, str(error))
             bar.update()
     chosen: dict[str, Participant] = {}
     for one, path in sorted(kept, key=lambda each: (each[0].finished, each[1])):

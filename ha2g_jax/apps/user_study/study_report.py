@@ -15,8 +15,9 @@ import string
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from ha2g_jax.evaluation.charts import Mark, html_table, interval_chart, markdown, number
+from ha2g_jax.evaluation.charts import Mark, html_table, interval_chart, markdown, number, printable
 from ha2g_jax.files.writing import whole_file, writing
+from ha2g_jax.progress import counted
 
 _TESTS = ("p", "p, Holm", "exact p [95 %]", "equal as half")
 _INTERVALS = """\
@@ -112,7 +113,7 @@ def sections(results: Mapping[str, Any]) -> list[Section]:
 def _head(results: Mapping[str, Any]) -> Section:
     counts = ", ".join(f"{count} of kind {kind}" for kind, count in results["answers"].items())
     kept, left_out = len(results["participants"]), len(results["excluded"])
-    parts = [f"{_count(kept, 'participant')} kept, {_count(left_out, 'answer file')} excluded."]
+    parts = [f"{counted(kept, 'participant')} kept, {counted(left_out, 'answer file')} excluded."]
     parts += [f"Answers: {counts}."] if counts else []
     if kept == 1:
         parts.append(
@@ -254,10 +255,6 @@ def _percent(value: float | None) -> str:
     return "-" if value is None else f"{value:.1%}"
 
 
-def _count(count: int, noun: str) -> str:
-    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
-
-
 def write_report(results: Mapping[str, Any], out: pathlib.Path) -> pathlib.Path:
     """Write the report as HTML, as Markdown with charts, and as JSON, and return the path of the HTML page.
 
@@ -306,28 +303,23 @@ def _page(found: Sequence[Section], charts: Mapping[str, str]) -> str:
     parts = []
     for section in found:
         level = "h2" if parts else "h1"
-        parts.append(f"<{level}>{html.escape(_plain(section.heading))}</{level}>")
+        parts.append(f"<{level}>{html.escape(printable(section.heading))}</{level}>")
         for part in section.parts:
             if isinstance(part, Table):
-                parts.append(html_table([[_plain(cell) for cell in row] for row in part.rows]))
+                parts.append(html_table([[printable(cell) for cell in row] for row in part.rows]))
             elif isinstance(part, Chart):
                 data = base64.b64encode(charts[part.name].encode("utf-8", errors="replace")).decode()
-                label = html.escape(_plain(part.label))
+                label = html.escape(printable(part.label))
                 parts.append(
                     f'<p><img style="max-width:100%" alt="{label}" src="data:image/svg+xml;base64,{data}"></p>'
                 )
             else:
-                parts.append(f"<p>{html.escape(_plain(part))}</p>")
+                parts.append(f"<p>{html.escape(printable(part))}</p>")
     template = importlib.resources.files("ha2g_jax") / "assets" / "corpus_report.html"
-    title = html.escape(_plain(found[0].heading))
+    title = html.escape(printable(found[0].heading))
     return string.Template(template.read_text()).substitute(title=title, body="\n".join(parts))
-
-
-def _plain(text: str) -> str:
-    """Return a text in one line, without control characters and those that change the direction of text."""
-    return "".join(letter if letter.isprintable() else " " for letter in text)
 
 
 def _escape(text: str) -> str:
     """Return a text that Markdown shows as it is: HTML and all markup are escaped."""
-    return _SPECIAL.sub(r"\\\1", html.escape(_plain(text), quote=False))
+    return _SPECIAL.sub(r"\\\1", html.escape(printable(text), quote=False))

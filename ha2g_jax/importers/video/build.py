@@ -93,7 +93,8 @@ def build_video(
         if settings.pose_command is None:
             pose.holistic_command()
     work = dst.with_name(f".{dst.name}-work")
-    jobs = [_Job(recording, settings, overlay, _keys_in(work)) for recording in recordings]
+    done = frozenset(path.stem for path in work.glob(f"[0-9a-f]*{_SUFFIX}"))
+    jobs = [_Job(recording, settings, overlay, done) for recording in recordings]
     results = runners.local(_do, jobs, workers) if runner == "local" else runners.ray(_do, jobs, workers, address)
     with contextlib.closing(results):
         outcome = _collect(results, len(jobs), work)
@@ -260,11 +261,6 @@ def _key_of(recording: VideoRecording, settings: VideoSettings) -> str:
         "transcript": [shown(transcript.name), _digest(transcript)] if transcript else None,
     }
     return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
-
-
-def _keys_in(folder: pathlib.Path) -> frozenset[str]:
-    """Return the keys of the videos whose clips a work folder has."""
-    return frozenset(path.stem for path in folder.glob(f"[0-9a-f]*{_SUFFIX}"))
 
 
 def _save(folder: pathlib.Path, key: str, extracted: Extraction) -> None:

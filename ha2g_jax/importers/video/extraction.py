@@ -25,7 +25,6 @@ SKELETON = "ted_expressive"
 # Version of the results of `extract`; a new number makes a continued build read its videos again.
 VERSION = 2
 
-_DEFAULT_RATE = 25
 _WIDTH = 256  # pixels, for speed; about the size to which PySceneDetect reduces images, for which its thresholds hold
 _FLASH_SECONDS = 0.5  # cuts that are closer in time count as one
 
@@ -101,7 +100,7 @@ def extract(
             "expected one for each image, in order"
         )
     if overlay_path is not None:
-        overlay.write_overlay(overlay_path, video, poses.image_points, poses.confidence)
+        overlay.write_overlay(overlay_path, video, times, poses.image_points, poses.confidence)
 
     content = _Video(recording, audio, words, times, poses)
     clips: list[Clip] = []
@@ -172,7 +171,7 @@ def resample(values: np.ndarray, times: np.ndarray, at: np.ndarray) -> np.ndarra
 
 def _image_seconds(times: np.ndarray) -> float:
     """Return the mean time for which an image is shown, an assumed one for a single image."""
-    return float(times[-1] - times[0]) / (len(times) - 1) if len(times) > 1 else 1 / _DEFAULT_RATE
+    return float(times[-1] - times[0]) / (len(times) - 1) if len(times) > 1 else 1 / images.DEFAULT_RATE
 
 
 def _with_images(clips: list[Clip], video: _Video, settings: VideoSettings) -> list[Clip]:
@@ -216,7 +215,7 @@ def find_shots(video: pathlib.Path, threshold: float = VideoSettings.shot_thresh
     borders, num_frames = [0], 0
     with open_video(video) as container:
         stream = container.streams.video[0]
-        rate = Fraction(stream.average_rate or stream.guessed_rate or _DEFAULT_RATE)
+        rate = Fraction(stream.average_rate or stream.guessed_rate or images.DEFAULT_RATE)
         for frame in decode(video, container):
             width = min(_WIDTH, frame.width)
             height = max(1, round(frame.height * width / frame.width))

@@ -18,7 +18,7 @@ from ha2g_jax.skeleton import Skeleton
 
 _MARGIN = 1.15  # enlargement of the square around the keypoints, because shoulders and fingertips lie outside them
 _CROWN = 1.3  # distance of the top of the hair from the nose, as a multiple of that of the neck
-_DEFAULT_RATE = 25
+DEFAULT_RATE = 25
 _WHOLE = 0.9  # fraction of the stated length, less a second, that must exist, because stated lengths are imprecise
 
 _LARGE = 1 << 24  # bytes of an image from which only two are decoded at a time
@@ -86,7 +86,7 @@ def image_times(video: pathlib.Path) -> np.ndarray:
     times, last = [], 0.0
     with open_video(video) as container:
         stream = container.streams.video[0]
-        rate = float(stream.average_rate or stream.guessed_rate or _DEFAULT_RATE)
+        rate = float(stream.average_rate or stream.guessed_rate or DEFAULT_RATE)
         for frame in decode(video, container):
             times.append(frame.time)
             last = float((frame.duration or 0) * (frame.time_base or 0))

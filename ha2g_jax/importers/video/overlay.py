@@ -16,8 +16,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.media import MEDIA_ERRORS, open_media, sound_track
 from ha2g_jax.files.reading import reason, shown
 from ha2g_jax.files.writing import whole_file
-from ha2g_jax.importers.video import images
-from ha2g_jax.importers.video.images import decode, open_video
+from ha2g_jax.importers.video.images import decode, open_video, upright
 from ha2g_jax.skeleton import Skeleton, load_skeleton
 
 # One thread, because videos are processed in parallel, one on each core.
@@ -34,18 +33,17 @@ _BODY_WIDTH, _FINGER_WIDTH = 1 / 250, 1 / 600
 
 
 def write_overlay(
-    path: str | pathlib.Path, video: pathlib.Path, image_points: np.ndarray, confidence: np.ndarray
+    path: str | pathlib.Path, video: pathlib.Path, times: np.ndarray, image_points: np.ndarray, confidence: np.ndarray
 ) -> None:
     """Write a copy of a video as mp4 (H.264 and AAC) with the bones drawn on its images, and its audio.
 
     The person's left is orange, the right blue, the middle green. A bone is drawn if both its ends, (T, 43, 2) pixels,
-    are seen; bones of less confidence (T, 43) are greyer. The file is written atomically.
+    are seen; bones of less confidence (T, 43) are greyer. `times` (T,) are those of `images.image_times`. The file is
+    written atomically.
 
     Raises:
         UserError: the video cannot be read, or the file cannot be written.
     """
-    video = pathlib.Path(video)
-    times = images.image_times(video)
     start = max(0.0, -float(times[0]))  # start of the audio in seconds, if there are images before it
     options = {"movflags": "faststart", "fflags": "+bitexact"}
     with (
@@ -83,7 +81,7 @@ def _drawn_images(video: pathlib.Path, image_points: np.ndarray, confidence: np.
     skeleton = load_skeleton("ted_expressive")
     with open_video(video) as container:
         for frame, points, certainty in zip(decode(video, container), image_points, confidence, strict=True):
-            image = images.upright(frame)
+            image = upright(frame)
             scale = min(1.0, _LONGEST_SIDE / max(image.size))
             width, height = (max(2, 2 * round(side * scale / 2)) for side in image.size)
             scaled = points * (np.array([width, height]) / image.size)

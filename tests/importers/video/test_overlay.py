@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from fixtures.videos import HEIGHT, WIDTH, make_video
 
+from ha2g_jax.importers.video.images import image_times
 from ha2g_jax.importers.video.overlay import write_overlay
 from ha2g_jax.skeleton import load_skeleton
 
@@ -37,7 +38,7 @@ def test_bones_are_drawn_where_they_are_seen(tmp_path):
     confidence[10:, hand] = 0
     points[10:, hand] = np.nan
     confidence[15:] = 0
-    write_overlay(tmp_path / "out.mp4", video, points, confidence)
+    write_overlay(tmp_path / "out.mp4", video, image_times(video), points, confidence)
     before, after = read(video)[1].astype(int), read(tmp_path / "out.mp4")[1].astype(int)
     assert after.shape == (20, HEIGHT, WIDTH, 3)
     change = np.abs(after - before).max(axis=-1)
@@ -54,14 +55,14 @@ def test_bones_are_drawn_where_they_are_seen(tmp_path):
 def test_sound_and_times_stay(tmp_path):
     times = np.concatenate([np.arange(10) / 10, 1.5 + np.arange(10) / 20])
     video = make_video(tmp_path / "video.mp4", seconds=3.0, times=times)
-    write_overlay(tmp_path / "out.mp4", video, points_of(20), np.ones((20, 43)))
+    write_overlay(tmp_path / "out.mp4", video, image_times(video), points_of(20), np.ones((20, 43)))
     np.testing.assert_allclose(read(tmp_path / "out.mp4")[0], times, atol=0.002)
     assert sound_seconds(tmp_path / "out.mp4") == pytest.approx(sound_seconds(video), abs=0.15)
 
 
 def test_images_before_the_sound_stay_before_it(tmp_path):
     video = make_video(tmp_path / "video.mp4", seconds=2.0, sound_start=0.5)
-    write_overlay(tmp_path / "out.mp4", video, points_of(20), np.ones((20, 43)))
+    write_overlay(tmp_path / "out.mp4", video, image_times(video), points_of(20), np.ones((20, 43)))
     with av.open(str(tmp_path / "out.mp4")) as container:
         assert next(container.decode(audio=0)).time == pytest.approx(0.5, abs=0.15)  # AAC begins with a little silence
     assert read(tmp_path / "out.mp4")[0][0] == pytest.approx(0, abs=0.002)
@@ -69,7 +70,7 @@ def test_images_before_the_sound_stay_before_it(tmp_path):
 
 def test_a_video_without_sound_has_none_afterwards(tmp_path):
     video = make_video(tmp_path / "video.mp4", seconds=1.0, with_sound=False)
-    write_overlay(tmp_path / "out.mp4", video, points_of(10), np.ones((10, 43)))
+    write_overlay(tmp_path / "out.mp4", video, image_times(video), points_of(10), np.ones((10, 43)))
     with av.open(str(tmp_path / "out.mp4")) as container:
         assert not container.streams.audio
         assert len(container.streams.video) == 1
@@ -80,5 +81,5 @@ def test_points_far_away_and_odd_values_are_drawn_or_not_but_never_crash(tmp_pat
     points = points_of(10)
     points[:5] *= 1e7
     points[5, 0], points[6, 1] = np.inf, np.nan
-    write_overlay(tmp_path / "out.mp4", video, points, np.ones((10, 43)))
+    write_overlay(tmp_path / "out.mp4", video, image_times(video), points, np.ones((10, 43)))
     assert len(read(tmp_path / "out.mp4")[0]) == 10
