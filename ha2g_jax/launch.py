@@ -94,7 +94,7 @@ def load_config(spec: str, overrides: Sequence[str] = ()) -> Config:
     Raises:
         UserError: there is no such preset, file or size, the file cannot be used, or an override does not fit.
     """
-    return _parse(["ha2g", f"--config={spec}", "--workdir=.", *overrides])[0].config
+    return _parse(["ha2g train", f"--config={spec}", "--workdir=.", *overrides])[0].config
 
 
 def _parse(argv: list[str]) -> tuple[Any, Config]:

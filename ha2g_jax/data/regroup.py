@@ -253,7 +253,7 @@ def divide(
     if len(seconds) < len(fractions):
         raise UserError(
             f"{corpus.path} has {len(seconds)} {by}{'s' * (len(seconds) != 1)}, too few for {len(fractions)} splits "
-            f"({', '.join(fractions)}); name fewer splits{' or divide by recording' if by == 'speaker' else ''}"
+            f"({', '.join(fractions)}); give 0 for a split{' or divide by recording' if by == 'speaker' else ''}"
         )
     split_of = assign(seconds, fractions, seed)
     # On disk, a unit has the name of the field of a record.

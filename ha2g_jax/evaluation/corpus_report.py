@@ -88,12 +88,14 @@ def write_report(
         recording: path of motion of a real speaker, to compare the motion with, about which `reading` is known.
 
     Raises:
-        UserError: there is no corpus, a record or the recording cannot be used, the page cannot be written, or
-            matplotlib is missing.
+        UserError: there is no corpus, `num_samples` is negative, a record or the recording cannot be used, the page
+            cannot be written, or matplotlib is missing.
     """
     out = pathlib.Path(out)
     if out.suffix.lower() not in (".html", ".htm"):
         raise UserError(f"the report is an HTML page, not {out.name!r}; name it {out.name}.html")
+    if num_samples < 0:
+        raise UserError(f"{num_samples} clips to watch; expected at least 0")
     corpus = Corpus.open(path)
     recorded = None if recording is None else _read_recording(recording, corpus, reading)
     summary = summarise(path)

@@ -5,6 +5,7 @@ import functools
 import os
 import pathlib
 import re
+import unicodedata
 from collections.abc import Container, Iterable, Mapping
 from typing import Any, NamedTuple, Unpack
 
@@ -15,7 +16,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.clip_result import ClipResult
 from ha2g_jax.evaluation.evaluate import DRAWS, Intervals, differences, measure
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
-from ha2g_jax.files.reading import shown
+from ha2g_jax.files.reading import folded, shown
 from ha2g_jax.metrics import sanity
 from ha2g_jax.metrics.beats import rests
 from ha2g_jax.metrics.beats.times import audio_onsets
@@ -171,7 +172,7 @@ def find_motions(folder: pathlib.Path) -> dict[str, pathlib.Path]:
     """
     found: dict[str, pathlib.Path] = {}
     for name, path in list_motions(folder).items():
-        clip = _GENERATED.sub("", name)
+        clip = unicodedata.normalize("NFC", _GENERATED.sub("", name))
         if clip in found:
             raise UserError(f"{shown(found[clip])} and {shown(path)} are motions of one clip; move one of them")
         found[clip] = path
@@ -252,7 +253,7 @@ def not_read(motions: Iterable[pathlib.Path], sounds: Iterable[pathlib.Path]) ->
 
 def sound_key(path: pathlib.Path) -> tuple[pathlib.Path, str]:
     """Return the key that a motion and the sound beside it share: the folder, and the name of the clip."""
-    return path.parent, _GENERATED.sub("", path.stem).lower()
+    return path.parent, folded(_GENERATED.sub("", path.stem))
 
 
 def _read(pair: _Pair, skeleton: str, reading: Reading, with_audio: bool) -> _Read:

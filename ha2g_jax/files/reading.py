@@ -13,6 +13,7 @@ import pathlib
 import stat
 import struct
 import threading
+import unicodedata
 import zipfile
 import zlib
 from collections.abc import Iterable, Iterator
@@ -32,6 +33,14 @@ _UNFINISHED = (".part", ".partial", ".crdownload", ".download", ".opdownload", "
 
 _lock = threading.Lock()
 _kept: list[int] = []  # the standard error while it is replaced, once for each context that is open
+
+
+def folded(name: str) -> str:
+    """Return a name in the form in which names of files are compared: composed characters in lower case.
+
+    A file from macOS may have an é of two characters.
+    """
+    return unicodedata.normalize("NFC", name).lower()
 
 
 def shown(path: str | os.PathLike) -> str:

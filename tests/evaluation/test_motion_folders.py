@@ -89,6 +89,14 @@ def test_files_are_paired_by_name_whatever_their_kind(write):
     ]
 
 
+def test_names_are_paired_in_any_unicode_form(write):
+    names = ["caf\u00e9", "cafe\u0301"]  # the same to a reader; the second is that of macOS
+    motion, reference = (write(folder, [name]) for folder, name in zip(("motion", "reference"), names, strict=True))
+    write_sound(reference / f"{names[0]}.wav")
+    (clip,) = from_folders(motion, reference).reference
+    assert clip.id == names[0] and clip.onsets is not None
+
+
 def test_sound_may_lie_beside_the_motion_and_is_missed_where_it_is_not(write):
     motion, reference = write("motion", ["a", "b"]), write("reference", ["a", "b"])
     write_sound(motion / "a.wav")

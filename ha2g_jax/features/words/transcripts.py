@@ -18,7 +18,7 @@ from ha2g_jax.features.words.entries import is_table, parse_json_words, parse_ta
 from ha2g_jax.features.words.subtitles import parse_subtitles
 from ha2g_jax.features.words.textgrid import Tier, choose, parse_textgrid
 from ha2g_jax.features.words.timing import Stretch, inside, to_words
-from ha2g_jax.files.reading import shown
+from ha2g_jax.files.reading import folded, shown
 
 _LANGUAGE = re.compile(r"\.[a-z]{2,3}(?:-[a-zA-Z]{2,8})?")
 
@@ -95,9 +95,10 @@ def words_of(
 def find(media: pathlib.Path, *, is_alone: bool = True) -> pathlib.Path | None:
     """Find the transcript of a recording in its folder.
 
-    The first match wins: a file with the recording's stem; with the stem and a language, as in `talk.en.vtt`; with the
-    stem cut at its last dot, and so on; the only file called `words.*`, if no other recording is in the folder. A file
-    with the stem of another recording, such as interview.ann.srt next to interview.bob.mp4, belongs only to that one.
+    The first match wins: a file with the recording's stem, or with that in other case; with the stem and a language, as
+    in `talk.en.vtt`; with the stem cut at its last dot, and so on; the only file called `words.*`, if no other
+    recording is in the folder. A file with the stem of another recording, such as interview.ann.srt next to
+    interview.bob.mp4, belongs only to that one.
     The order among files of one stem is .TextGrid, .json, .tsv, .csv, .ctm, .vtt, .srt, .txt. A .json or .csv of motion
     that `ha2g export` wrote is not a transcript. Returns None if there is no transcript.
 
@@ -116,11 +117,10 @@ def find(media: pathlib.Path, *, is_alone: bool = True) -> pathlib.Path | None:
     others = {path.stem for path in media.parent.iterdir() if path.suffix.lower() not in _PREFERENCE} - {media.stem}
     stem = media.stem
     while stem:
-        of_stem = [path for path in files if path.stem == stem]
+        start, own = folded(stem), {path: folded(path.stem) for path in files if path.stem not in others}
+        of_stem = [path for path in files if path.stem == stem] or [path for path in own if own[path] == start]
         in_language = [
-            path
-            for path in files
-            if path.stem.startswith(stem) and _LANGUAGE.fullmatch(path.stem[len(stem) :]) and path.stem not in others
+            path for path in own if own[path].startswith(start) and _LANGUAGE.fullmatch(own[path][len(start) :])
         ]
         if of_stem or in_language:
             return (of_stem or in_language)[0]

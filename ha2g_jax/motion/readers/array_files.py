@@ -10,6 +10,7 @@ subtracted. The latter shows in whether lengths are 1 before or after the mean i
 unit length; for them, it also matters whether the vectors resemble the mean.
 """
 
+import logging
 import pathlib
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -22,8 +23,10 @@ from ha2g_jax.limits import MAX_MOTION_JOINTS
 from ha2g_jax.motion.armature import export_axes
 from ha2g_jax.motion.motion import check_length
 from ha2g_jax.motion.readers import joint_maps
-from ha2g_jax.motion.readers.body import find_up, to_skeleton_axes
+from ha2g_jax.motion.readers.body import find_up, is_mirrored, to_skeleton_axes
 from ha2g_jax.skeleton import SKELETONS, Skeleton, bone_lengths, load_skeleton
+
+_logger = logging.getLogger(__name__)
 
 ARRAYS = ("positions", "fps", "joint_names", "borders")
 EXPECTED = "expected positions (T, J, 3), fps (or --source-fps) and joint_names (J,)"
@@ -97,7 +100,8 @@ def find_skeleton(arrays: Arrays, joint_map: str, path: pathlib.Path) -> str:
 def in_skeleton(arrays: Arrays, skeleton: Skeleton, joint_map: str, path: pathlib.Path) -> np.ndarray:
     """Return positions (T, joints, 3) of the joints of a skeleton in its axes, float64, in the unit of the file.
 
-    The map names joints beside the names of the skeleton, see `joint_maps`.
+    The map names joints beside the names of the skeleton, see `joint_maps`. A warning in the log names a file whose
+    fingers bend backwards, as in left-handed axes.
 
     Raises:
         UserError: joints are missing, or the positions are no motion.
@@ -107,6 +111,12 @@ def in_skeleton(arrays: Arrays, skeleton: Skeleton, joint_map: str, path: pathli
         raise _lacks(path, arrays.joint_names, skeleton.name, missing)
     positions = arrays.positions[:, places].astype(np.float64)
     check_positions(positions, skeleton, path)
+    if is_mirrored(positions, skeleton):
+        _logger.warning(
+            "%s looks mirrored, as in left-handed axes: the fingers bend to the backs of the hands; export it with "
+            "right-handed axes",
+            shown(path),
+        )
     left, right = (skeleton.joint(f"{side}_shoulder") for side in ("left", "right"))
     up = find_up(positions, skeleton)
     side = np.sign((positions[:, left, 0] - positions[:, right, 0]).mean())

@@ -11,7 +11,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features import words as transcripts
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.features.text import Word
-from ha2g_jax.files.reading import reading, resolved, shown
+from ha2g_jax.files.reading import folded, reading, resolved, shown
 from ha2g_jax.motion.readers import is_motion
 from ha2g_jax.motion.readers.bvh import USUAL_RATES
 from ha2g_jax.motion.readers.smplx_arrays import EMBODY_BODY
@@ -134,8 +134,8 @@ def read_speech(recording: MotionRecording, *, with_words: bool) -> tuple[np.nda
     transcript = recording.words or transcripts.find(recording.path, is_alone=recording.is_alone)
     if transcript is None and with_words:
         raise UserError(
-            f"{name} has no transcript; put {stem}.TextGrid, .json, .srt, .vtt or .tsv beside it, or import without "
-            "words (--no-words)"
+            f"{name} has no transcript; put {stem}.TextGrid, .json, .srt, .vtt or .tsv beside it, or allow it to "
+            "have none (--no-words)"
         )
     audio = read_audio(path)
     if transcript is None:
@@ -193,11 +193,11 @@ def other_rate(motion: float, fps: float | None, sound: float) -> str:
 
 
 def _find_audio(path: pathlib.Path) -> pathlib.Path | None:
-    beside = {file.name.lower(): file for file in sorted(path.parent.iterdir(), reverse=True) if file.is_file()}
+    beside = {folded(file.name): file for file in sorted(path.parent.iterdir(), reverse=True) if file.is_file()}
     stem = path.stem
     while stem:
         for suffix in AUDIO_SUFFIXES:
-            if found := beside.get(f"{stem}{suffix}".lower()):
+            if found := beside.get(folded(f"{stem}{suffix}")):
                 return found
         stem = stem.rpartition(".")[0]
     return None

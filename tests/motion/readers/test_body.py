@@ -198,6 +198,17 @@ def test_left_handed_axes_are_named_whatever_is_up(axes, person, tmp_path):
     check_mirrored(tmp_path / "x.bvh")
 
 
+def test_a_warning_names_mirrored_positions(person, tmp_path, caplog):
+    write(tmp_path / "x.bvh", person, "mixamo", Y_UP)
+    motion = read_motion(tmp_path / "x.bvh")
+    for name, axes in (("good", Y_UP), ("mirrored", MIRRORED)):
+        values = {"positions": motion.positions @ axes, "fps": motion.fps, "joint_names": motion.joint_names}
+        np.savez(tmp_path / f"{name}.npz", **values)
+        read_motion(tmp_path / f"{name}.npz")
+    (record,) = caplog.records
+    assert "mirrored.npz looks mirrored, as in left-handed axes" in record.getMessage()
+
+
 @pytest.mark.parametrize("names", ["mixamo", "genea"])
 def test_feet_tell_where_fingers_are_straight(names, straight, tmp_path):
     path = tmp_path / "x.bvh"
