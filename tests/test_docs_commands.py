@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 import soundfile
 from fixtures.corpora import make_clip, write_corpus
-from fixtures.simulated_study import write_study
 from fixtures.workdirs import write_run
 
 from ha2g_jax import cli, launch
@@ -57,6 +56,8 @@ PARSED_ONLY = {
     "live --source microphone": "needs a microphone",
     "live --source ws": "runs until Ctrl-C; tests/apps/live runs it",
     "serve": "runs until it is stopped; tests/apps/serve runs it",
+    "study analyse": "needs the answers of participants; tests/apps/user_study analyses some",
+    "study power mismatch": "needs such answers as well",
     "web": "needs node, and npm with its registry; tests/apps/web runs it",
 }
 # Of the recipes and the demo the corpora are those of others, and the scores those of other pages.
@@ -193,7 +194,6 @@ def files(debug_model, draw_state, tiny_talk, tmp_path_factory):
     for name, seconds in SOUNDS.items():
         write_speech(folder / name, seconds)
     (folder / "consent.txt").write_text("I take part.\n")
-    write_study(folder / "my_study")
     write_smplx(folder)
     for name in ("DST", "corpora/mocap", "corpora/video", TALK_VERSION):
         (folder / name).symlink_to(tiny_talk)
