@@ -61,10 +61,7 @@ def _add_import(data: Any) -> None:
         "--skeleton", choices=SKELETONS, help="43 joints with fingers, or 10 without (default: ted_expressive)"
     )
     motion.add_argument(
-        "--fps",
-        type=positive,
-        metavar="N",
-        help="frames per second; training takes 15 to 30 (default: 15)",
+        "--fps", type=positive, metavar="N", help="frames per second; training takes 15 to 30 (default: 15)"
     )
     motion.add_argument(
         "--speaker", type=stored_text, metavar="NAME", help="name of the speaker (default: by folders and files)"

@@ -114,7 +114,13 @@ def find(media: pathlib.Path, *, is_alone: bool = True) -> pathlib.Path | None:
         (path for path in names if path.is_file() and not _is_motion(path)),
         key=lambda path: (_PREFERENCE.index(path.suffix.lower()), path.name),
     )
-    others = {path.stem for path in media.parent.iterdir() if path.suffix.lower() not in _PREFERENCE} - {media.stem}
+    # In other case, a file of another kind is the recording's sound, and one of the same kind is another recording.
+    others = {
+        path.stem
+        for path in media.parent.iterdir()
+        if path.suffix.lower() not in _PREFERENCE
+        and (folded(path.stem) != folded(media.stem) or path.suffix.lower() == media.suffix.lower())
+    } - {media.stem}
     stem = media.stem
     while stem:
         start, own = folded(stem), {path: folded(path.stem) for path in files if path.stem not in others}

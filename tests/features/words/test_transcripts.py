@@ -127,6 +127,7 @@ def test_a_gigabyte_is_not_read(tmp_path):
         (["a.ann.srt", "a.ann.mp4"], None),  # of another recording
         (["A.B.tsv", "a.vtt"], "A.B.tsv"),  # in other case
         (["A.B.tsv", "a.b.vtt"], "a.b.vtt"),
+        (["A.B.tsv", "A.B.wav"], "A.B.tsv"),
         (["A.B.tsv", "A.B.bvh"], None),
         ([], None),
     ],
