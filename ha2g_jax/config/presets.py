@@ -380,9 +380,10 @@ _SEES = {"model.identity.kind": "images", "model.identity.feature_dim": 18}
 _HEARS = {"model.audio.kind": "resnet_se", "model.text.kind": "none"}
 # Size -> width of a baseline with which its generator has as many parameters as that of HA2G.
 _EQUAL_WIDTHS = {
-    "medium": {"seq2seq": 262, "speech2gesture": 208, "joint_embedding": 279, "trimodal": 315},
-    "small": {"seq2seq": 140, "speech2gesture": 110, "joint_embedding": 147, "trimodal": 162},
-    "debug": {"seq2seq": 49, "speech2gesture": 29, "joint_embedding": 39, "trimodal": 44},
+    "medium": {"seq2seq": 262, "speech2gesture": 281, "joint_embedding": 279, "trimodal": 315},
+    "small": {"seq2seq": 140, "speech2gesture": 139, "joint_embedding": 147, "trimodal": 162},
+    "study": {"seq2seq": 145, "speech2gesture": 104, "joint_embedding": 137, "trimodal": 169},
+    "debug": {"seq2seq": 49, "speech2gesture": 39, "joint_embedding": 39, "trimodal": 44},
 }
 
 
@@ -396,8 +397,7 @@ def equal(method: str, size: str) -> Changes:
         raise UserError(f"no baselines as large as HA2G at size {size}; expected one of {', '.join(_EQUAL_WIDTHS)}")
     width = _EQUAL_WIDTHS[size][method]
     own = {
-        # It has its own encoder of the spectrogram.
-        "speech2gesture": {"model.audio.spectrogram.channels": (width // 4, width // 2, width)},
+        "speech2gesture": {},  # it has its own encoder of the spectrogram
         "joint_embedding": {**_HEARS, "model.context.hidden_dim": width},
     }
     return {**_SEES, **own.get(method, _HEARS), "model.inferer.hidden_dim": width}

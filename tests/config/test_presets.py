@@ -106,7 +106,7 @@ def test_cells_of_the_factorial_study_have_as_many_parameters(size):
         assert found == pytest.approx(counts[presets.FULL], rel=0.01)
 
 
-@pytest.mark.parametrize("size", ["small", "medium"])
+@pytest.mark.parametrize("size", ["study", "small", "medium"])
 def test_baselines_of_equal_size_have_as_many_parameters_that_generate(size):
     only_trains, counts = {"ha2g": "text", "joint_embedding": "pose_encoder"}, {}
     for method in ("ha2g", *BASELINES):
