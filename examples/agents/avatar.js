@@ -8,6 +8,7 @@
 
 const RETRY_MILLISECONDS = 1000;
 const REFUSAL_MILLISECONDS = 3000; // a source that hears another sender closes the connection within this time
+const STALE_MILLISECONDS = 10000;
 const UPPER_BODY = /^(Spine|Neck|Head$|(Left|Right)(Shoulder|Arm|ForeArm|Hand))/; // TalkingHead moves the rest
 
 /** Opens a WebSocket, and again whenever it is closed; `begin` is called with each. */
@@ -21,7 +22,7 @@ function keepOpen(address, begin) {
 export class Body {
   #source;
   #wasOpen = false;
-  #waiting = []; // messages, until the source stays open for the first time
+  #waiting = []; // the latest messages and their times, until the source stays open for the first time
   #bones = [];
   #rotations = [];
 
@@ -33,7 +34,8 @@ export class Body {
     keepOpen(source, (socket) => {
       this.#source = socket;
       socket.onopen = () => {
-        this.#waiting.forEach((message) => socket.send(message));
+        this.#dropStale();
+        this.#waiting.forEach(({ message }) => socket.send(message));
         setTimeout(() => {
           if (socket.readyState !== WebSocket.OPEN) return;
           this.#wasOpen = true;
@@ -62,7 +64,14 @@ export class Body {
 
   #send(message) {
     if (this.#source.readyState === WebSocket.OPEN) this.#source.send(message);
-    if (!this.#wasOpen) this.#waiting.push(message); // later it would be stale
+    if (this.#wasOpen) return; // later it would be stale
+    this.#dropStale();
+    this.#waiting.push({ message, time: performance.now() });
+  }
+
+  #dropStale() {
+    const oldest = performance.now() - STALE_MILLISECONDS;
+    this.#waiting = this.#waiting.filter(({ time }) => time >= oldest);
   }
 
   /** Poses an avatar of three-vrm; call it in each frame, before `vrm.update`. */

@@ -41,9 +41,9 @@ class PacedStream:
 
     def __init__(self, stream: Stream, show: Callable[[int, np.ndarray], Awaitable[None]]) -> None:
         self._stream, self._show = stream, show
-        self._own, self._other = _Voice(), _Voice()
+        self._own, self._other = _Voice(), _Voice(_WAITING)
         self._changes: list[Callable[[], Any]] = []
-        self._fed = self._shown = 0  # samples and frames
+        self._ticks = self._shown = 0  # frames whose time has come, and those that were shown
         self._begun = 0.0
         self._frames: collections.deque[np.ndarray] = collections.deque()  # that are not shown yet
 
@@ -62,12 +62,16 @@ class PacedStream:
             UserError: the rate is below 1 kHz or above 768 kHz.
         """
         if not self._own.is_waiting:
-            self._begun = self._fed / SAMPLE_RATE
+            self._begun = self._samples(self._ticks) / SAMPLE_RATE
         self._own.put(pcm, rate)
         return self._begun
 
     def hear(self, pcm: bytes, rate: int) -> None:
-        """Append sound of the other speaker, in the form of `say`."""
+        """Append sound of the other speaker, in the form of `say`.
+
+        Each piece is heard whole. Of the sound that waited before it, for example after a network stall, only the last
+        0.2 s are heard.
+        """
         self._other.put(pcm, rate)
 
     def change(self, **attributes: Any) -> None:
@@ -99,18 +103,24 @@ class PacedStream:
         self._changes.append(self._stream.clear)
 
     async def run(self) -> None:
-        """Hear and show until this coroutine is cancelled; the motion is computed in a thread."""
+        """Hear and show until this coroutine is cancelled; the motion is computed in a thread.
+
+        Run it again, and the frames go on where they ended.
+        """
         fps, clock = self._stream.fps, asyncio.get_running_loop().time
-        delay, start = math.ceil(round(self._stream.latency * fps, 6)), clock()
-        for tick in itertools.count(1):  # sound up to the time tick / fps has been heard
+        delay, start = math.ceil(round(self._stream.latency * fps, 6)), clock() - self._ticks / fps
+        for tick in itertools.count(self._ticks + 1):  # sound up to the time tick / fps has been heard
             await asyncio.sleep(start + tick / fps - clock())
             changes, self._changes = self._changes, []
-            count, self._fed = tick * SAMPLE_RATE // fps - self._fed, tick * SAMPLE_RATE // fps
-            own, other = self._own.take(count), self._other.take(count, most=count + _WAITING)
+            count, self._ticks = self._samples(tick) - self._samples(tick - 1), tick
+            own, other = self._own.take(count), self._other.take(count)
             await asyncio.to_thread(self._advance, changes, own, other)
             if self._shown <= tick - delay:
                 self._shown += 1
                 await self._show(self._shown - 1, self._frames.popleft())
+
+    def _samples(self, ticks: int) -> int:
+        return ticks * SAMPLE_RATE // self._stream.fps
 
     def _advance(self, changes: list[Callable[[], Any]], own: np.ndarray, other: np.ndarray) -> None:
         for change in changes:
@@ -122,9 +132,14 @@ class PacedStream:
 
 
 class _Voice:
-    """Sound that waits to be heard, (samples,) float32 at 16 kHz."""
+    """Sound that waits to be heard, (samples,) float32 at 16 kHz.
 
-    def __init__(self) -> None:
+    Args:
+        most: samples of it that are kept when more is put; None for all.
+    """
+
+    def __init__(self, most: int | None = None) -> None:
+        self._most = most
         self._resampler, self._rate, self._pieces = Resampler(SAMPLE_RATE), SAMPLE_RATE, [np.zeros(0, np.float32)]
         self._rest = b""  # of a sample
         self._has_grown = False  # since the last take
@@ -143,15 +158,17 @@ class _Voice:
         whole = len(pcm) // 2 * 2
         pcm, self._rest = pcm[:whole], pcm[whole:]
         samples = np.frombuffer(pcm, "<i2").astype(np.float32) / 32768
+        if self._most is not None:
+            self._pieces = [np.concatenate(self._pieces)[-self._most :]]
         self._pieces.append(self._resampler.resample(samples, 0.0).samples)
         self._has_grown = True
 
-    def take(self, count: int, most: int = 0) -> np.ndarray:
-        """Return the next samples, padded with silence if fewer wait; only the last `most` waiting ones are kept."""
+    def take(self, count: int) -> np.ndarray:
+        """Return the next samples, padded with silence if fewer wait."""
         if not self._has_grown:
             self._end(self._rate)
         self._has_grown = False
-        sound = np.concatenate(self._pieces)[-most:]
+        sound = np.concatenate(self._pieces)
         self._pieces = [sound[count:]]
         return np.pad(sound[:count], (0, max(count - len(sound), 0)))
 

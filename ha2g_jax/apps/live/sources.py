@@ -254,7 +254,7 @@ class WebSocketSource:
             yield from inbox.chunks(stop)
 
     def _receive(self, connection: Any, inbox: Inbox) -> None:
-        if not (self._turn.acquire(blocking=False) or self._take_turn()):
+        if not (self._turn.acquire(blocking=False) or self._take_turn(inbox)):
             connection.close(_BUSY, "another sender is connected")
             return
         self._sender = connection
@@ -280,13 +280,17 @@ class WebSocketSource:
         finally:
             self._turn.release()
 
-    def _take_turn(self) -> bool:
-        """Return whether the turn was taken from a sender that has vanished, such as one that lost its network."""
+    def _take_turn(self, inbox: Inbox) -> bool:
+        """Return whether the turn was taken from a sender that has vanished, such as one that lost its network.
+
+        Its sound that waits is dropped.
+        """
         sender = self._sender
         if sender is not None:
             with contextlib.suppress(require("websockets.exceptions", "live").ConnectionClosed):
                 if sender.ping().wait(_ANSWER_SECONDS):
                     return False
+                inbox.put(Change(clear=True))
             sender.close()
         return self._turn.acquire(timeout=_ANSWER_SECONDS)
 

@@ -1,6 +1,7 @@
 """A stream at the pace of the clock hears each voice in time, and shows each frame once, in order, at its time."""
 
 import asyncio
+import contextlib
 from typing import Any
 
 import numpy as np
@@ -81,9 +82,38 @@ def test_sound_that_comes_at_once_is_heard_as_it_is_played(pieces):
 
 
 def test_of_what_the_other_said_during_a_stall_the_end_is_heard():
-    stream, _ = run(lambda paced, number: number == 3 and paced.hear(np.tile(SOUND, 2).tobytes(), RATE))
+    def script(paced, number):
+        for piece in np.array_split(np.tile(SOUND, 2), 20) if number == 3 else ():
+            paced.hear(piece.tobytes(), RATE)
+
+    stream, _ = run(script)
     heard = stream.other[stream.other != 0]
-    assert 3200 <= len(heard) <= 3200 + RATE // FPS and heard[-1] == SOUND[-1] / 32768
+    assert 3200 <= len(heard) <= 3200 + 400 and heard[-1] == SOUND[-1] / 32768  # the last piece is whole
+
+
+def test_long_pieces_of_the_other_are_heard_whole():
+    stream, _ = run(lambda paced, number: number in (3, 15) and paced.hear(SOUND.tobytes(), RATE), seconds=0.8)
+    np.testing.assert_array_equal(stream.other[stream.other != 0], np.tile(SOUND, 2) / np.float32(32768))
+
+
+def test_a_second_run_goes_on_where_the_first_ended():
+    stream, shown = Standin(), []
+
+    async def show(number, frame):
+        assert frame == number
+        shown.append(number)
+
+    async def main():
+        paced = PacedStream(stream, show)
+        for _ in range(2):
+            paced.say(SOUND[:1600].tobytes(), RATE)
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(0.3):
+                    await paced.run()
+
+    asyncio.run(main())
+    assert shown == list(range(len(shown))) and len(stream.own) * FPS // RATE - len(shown) - DELAY + 1 in (0, 1)
+    np.testing.assert_array_equal(stream.own[stream.own != 0], np.tile(SOUND[:1600], 2) / np.float32(32768))
 
 
 def test_sound_of_another_rate_has_its_length():

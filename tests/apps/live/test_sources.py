@@ -271,17 +271,21 @@ def test_a_websocket_source_says_when_it_listens(free_port, clock, monkeypatch):
 
 
 def test_a_sender_that_vanished_gives_its_place_to_the_next_one(listening, monkeypatch):
-    """It has lost its network: nothing answers, and nobody has closed the connection."""
+    """It has lost its network: nothing answers, and nobody has closed the connection. Its sound does not go on."""
     monkeypatch.setattr(sources, "_ANSWER_SECONDS", 0.2)
     address, chunks = listening
     with connect_when_ready(address) as sender:
-        sender.send(pcm(tone(1600)))
+        sender.send(pcm(tone(160_000)))
         wait_for(lambda: any(chunk.samples.any() for chunk in chunks))
         monkeypatch.setattr(sender.protocol, "receive_data", lambda data: None)
-        chunks.clear()
         with connect(str(address)) as other:
-            other.send(pcm(tone(1600)))
-            wait_for(lambda: any(chunk.samples.any() for chunk in chunks))
+            other.send(pcm(-tone(1600)))
+            wait_for(lambda: any(chunk.change for chunk in chunks))
+            index = next(index for index, chunk in enumerate(chunks) if chunk.change)
+            wait_for(lambda: any(chunk.samples.any() for chunk in chunks[index:]))
+            time.sleep(0.3)
+        heard = sum(np.count_nonzero(chunk.samples) for chunk in chunks[index:])
+        assert chunks[index].change.clear and 1000 < heard <= 1600
 
 
 def test_a_sender_that_is_too_far_ahead_is_told_so(listening, monkeypatch):

@@ -189,11 +189,13 @@ export class RunningCues {
 /**
  * Checks a cue, and returns its keyframes.
  *
- * @throws Error if the model has no such cue, or the time is no time.
+ * @throws Error if the model has no such cue, or the time is below 0 or no time.
  */
 export function checkCue({ cues }: Description, name: string, time?: number): Keyframes {
   if (!Object.hasOwn(cues, name)) throw new Error(`no cue "${name}"; expected one of: ${Object.keys(cues).join(", ")}`);
-  if (time !== undefined && !Number.isFinite(time)) throw new Error(`the time of a cue is ${time}; expected seconds`);
+  if (time !== undefined && !(time >= 0 && time < Infinity)) {
+    throw new Error(`the time of a cue is ${time}; expected seconds, at least 0`);
+  }
   return cues[name];
 }
 
