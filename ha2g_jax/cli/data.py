@@ -107,9 +107,10 @@ def _import(arguments: argparse.Namespace) -> None:
 
 
 def _kind_of(src: pathlib.Path) -> str:
+    from ha2g_jax.files.reading import files_below
     from ha2g_jax.motion.readers import bvh_motion, is_motion
 
-    files = [src] if src.is_file() else src.rglob("*")
+    files = [src] if src.is_file() else files_below(src)
     suffixes = {path.suffix.lower() for path in files if path.suffix.lower() == ".mdb" or is_motion(path)}
     kinds = {"ted": (".mdb",), "bvh": bvh_motion.TREES, "smplx": (".npz", ".npy")}
     found = [kind for kind, of_kind in kinds.items() if suffixes & {*of_kind}]

@@ -16,7 +16,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.clip_result import ClipResult
 from ha2g_jax.evaluation.evaluate import DRAWS, Intervals, differences, measure
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
-from ha2g_jax.files.reading import folded, shown
+from ha2g_jax.files.reading import files_below, folded, shown
 from ha2g_jax.metrics import sanity
 from ha2g_jax.metrics.beats import rests
 from ha2g_jax.metrics.beats.times import audio_onsets
@@ -198,7 +198,7 @@ def list_motions(folder: pathlib.Path) -> dict[str, pathlib.Path]:
     if not folder.is_dir():
         raise UserError(f"no file or folder at {shown(folder)}; give a folder of motion in {', '.join(SUFFIXES)}")
     found, clips = dict[str, pathlib.Path](), set[str]()
-    paths = (path for path in folder.rglob("*") if is_motion(path))
+    paths = (path for path in files_below(folder) if is_motion(path))
     kinds = {suffix: rank for rank, suffix in enumerate(SUFFIXES)}
     for path in sorted(paths, key=lambda path: (kinds[path.suffix.lower()], path)):
         if not path.name.startswith(".") and path.name != MANIFEST:

@@ -11,6 +11,7 @@ import numpy as np
 import soundfile
 from av.container import InputContainer
 from av.error import FFmpegError
+from av.stream import Disposition
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import quiet, reading, reason, shown
@@ -146,6 +147,17 @@ def sound_track(container: InputContainer) -> av.AudioStream | None:
     return stream if isinstance(stream, av.AudioStream) else None
 
 
+def video_track(container: InputContainer) -> av.VideoStream | None:
+    """Return the track of images that a player would choose; pictures of a cover are none."""
+    best = container.streams.best("video")  # the largest, or that which is marked as default; may be None
+    tracks = [best, *container.streams.video]
+    return next((each for each in tracks if isinstance(each, av.VideoStream) and not _is_cover(each)), None)
+
+
+def _is_cover(stream: av.VideoStream) -> bool:
+    return bool(stream.disposition & Disposition.attached_pic)
+
+
 def sound_start(path: pathlib.Path) -> float:
     """Return the time in seconds at which the sound of a file starts, on the clock of its images; 0 without sound.
 
@@ -166,6 +178,22 @@ def sound_delay(path: pathlib.Path) -> float:
     try:
         with open_media(path) as container:
             return _first_time(container) - (container.start_time or 0) / av.time_base
+    except MEDIA_ERRORS:
+        return 0.0
+
+
+def sound_after_images(path: pathlib.Path) -> float:
+    """Return the seconds from the first image of a video to the beginning of its sound; 0 without images or sound.
+
+    It is negative where the sound begins first, and 0 for a file that FFmpeg does not read, which has no images.
+    """
+    try:
+        with open_media(path) as container:
+            images = video_track(container)
+            if images is None or sound_track(container) is None:
+                return 0.0
+            first = next(container.decode(images), None)
+        return sound_start(path) - ((first.time if first else None) or 0.0)
     except MEDIA_ERRORS:
         return 0.0
 

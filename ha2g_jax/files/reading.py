@@ -57,6 +57,22 @@ def shown(path: str | os.PathLike) -> str:
     return f"{text[: MAX_NAME_LENGTH // 2]}...{text[-MAX_NAME_LENGTH // 2 :]}"
 
 
+def files_below(folder: pathlib.Path) -> Iterator[pathlib.Path]:
+    """Yield the files in a folder and its subfolders, in no order.
+
+    Links to folders are followed, as data often lies on another disk; a folder that is reached twice is read once.
+    """
+    seen = set[str]()
+    for path, folders, names in os.walk(folder, followlinks=True):
+        real = os.path.realpath(path)
+        if real in seen:
+            folders.clear()
+            continue
+        seen.add(real)
+        folders.sort()
+        yield from (pathlib.Path(path, name) for name in names)
+
+
 def resolved(path: str | os.PathLike) -> pathlib.Path:
     """Return a path as an absolute one without links; a link to itself stays, and is an error when it is read."""
     return pathlib.Path(os.path.realpath(path))

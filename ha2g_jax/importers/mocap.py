@@ -18,7 +18,7 @@ from ha2g_jax.data.processes import parallel_map
 from ha2g_jax.data.recording import MOCAP, Recording, Report, SplitReport, cut, to_clips
 from ha2g_jax.data.records import Clip
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import resolved, shown
+from ha2g_jax.files.reading import files_below, resolved, shown
 from ha2g_jax.motion.readers import Reading, joint_maps
 from ha2g_jax.motion.readers.body import UPS, check_stated
 from ha2g_jax.motion.readers.bvh_motion import TREES, read_motion
@@ -130,8 +130,8 @@ def import_smplx(
     source_fps: float | None = None,
     unit: float | None = None,
 ) -> Report:
-    """Write a corpus from one file of SMPL-X motion, or from all .npz files in a folder and its subfolders, see
-    `import_bvh`.
+    """Write a corpus from one file of SMPL-X motion, or from all files in a folder and its subfolders, see
+    `import_bvh`. A .npy is joint positions and needs `source_fps`.
 
     Audio and words lie beside the motion and have its stem. If there are none, audio files and TextGrids of that stem
     are searched for in all of `src`, for the folders of BEAT2. In a folder of Embody 3D each person of a capture is a
@@ -157,7 +157,8 @@ def import_smplx(
     if recordings and (options.audio is not None or options.words is not None):
         raise UserError(f"{shown(src)} has captures of Embody 3D with their own sound; leave out --audio and --words")
     if not recordings:
-        recordings = find_recordings(src, (".npz",), speaker=options.speaker, audio=options.audio, words=options.words)
+        suffixes = (".npz",) if source_fps is None else (".npz", ".npy")  # of a .npy the rate must be stated
+        recordings = find_recordings(src, suffixes, speaker=options.speaker, audio=options.audio, words=options.words)
         if src.is_dir():
             recordings = _with_folders_of_beat(recordings, src)
         if options.speaker is None:
@@ -178,7 +179,7 @@ def _read_smplx(path: pathlib.Path, options: ImportOptions, body: Body, stated: 
 def _with_folders_of_beat(recordings: list[MotionRecording], root: pathlib.Path) -> list[MotionRecording]:
     """Add audio and words from other folders to the recordings, if exactly one file has the name."""
     found: dict[tuple[str, bool], list[pathlib.Path]] = collections.defaultdict(list)
-    for path in sorted(root.rglob("*")):
+    for path in sorted(files_below(root)):
         suffix = path.suffix.lower()
         if suffix in AUDIO_SUFFIXES or suffix == _TIMED_WORDS:
             found[path.stem, suffix == _TIMED_WORDS].append(path)

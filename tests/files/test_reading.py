@@ -12,7 +12,7 @@ from ha2g_jax import cli
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import read_audio
 from ha2g_jax.features.pictures import read_picture
-from ha2g_jax.files.reading import parse_json, quiet, read_bytes, read_json, reading, shown
+from ha2g_jax.files.reading import files_below, parse_json, quiet, read_bytes, read_json, reading, shown
 from ha2g_jax.files.tensors import open_tensors
 
 
@@ -83,6 +83,17 @@ def test_any_path_is_shown():
     assert shown("sp\u00e9ech.wav") == "sp\u00e9ech.wav"
     assert shown(os.fsdecode(b"a\xff\n.wav")) == "a\\xff\\n.wav"
     assert len(shown("x" * 5000)) < 300
+
+
+def test_linked_folders_are_read_once(tmp_path):
+    """Protects data on another disk, which is linked into a folder, and from links in a circle."""
+    (tmp_path / "disk" / "ada").mkdir(parents=True)
+    (tmp_path / "disk" / "ada" / "talk.bvh").touch()
+    (tmp_path / "data").mkdir()
+    for name in ("linked", "twice"):
+        (tmp_path / "data" / name).symlink_to(tmp_path / "disk")
+    (tmp_path / "disk" / "circle").symlink_to(tmp_path / "data")
+    assert list(files_below(tmp_path / "data")) == [tmp_path / "data" / "linked" / "ada" / "talk.bvh"]
 
 
 def test_a_file_beyond_the_size_is_not_read(tmp_path):

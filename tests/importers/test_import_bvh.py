@@ -8,6 +8,7 @@ import shutil
 import numpy as np
 import pytest
 import soundfile
+from fixtures.videos import make_video
 from motion.readers import bvh_files
 
 from ha2g_jax.data.corpus import Corpus
@@ -150,6 +151,19 @@ def test_sound_and_words_of_ones_own(recording, tmp_path):
     recording(tmp_path / "in", "second")
     with pytest.raises(UserError, match=r"holds 2 files of motion; give --audio and --words for one file only"):
         import_bvh(tmp_path / "in", tmp_path / "third", ImportOptions(audio=tmp_path / "sound.wav"))
+
+
+@pytest.mark.parametrize("late", [0.0, 1.5])
+def test_sound_of_a_video_keeps_its_place_among_the_images(recording, tmp_path, late):
+    """Protects motion that was tracked in a video whose microphone was on after the camera."""
+    path = recording(tmp_path / "in", "talk")
+    (tmp_path / "in" / "talk.wav").unlink()
+    make_video(tmp_path / "in" / "talk.mkv", seconds=SECONDS, sound_start=late)
+    import_bvh(path, tmp_path / "out")
+    (clip,) = Corpus.open(tmp_path / "out").clips("train")
+    sound = np.abs(np.asarray(clip.audio, np.float32)) > 0.05
+    assert np.argmax(sound) / 16000 == pytest.approx(late, abs=0.03)
+    assert clip.words[0].start == pytest.approx(late, abs=0.03)  # words count from the beginning of the sound
 
 
 def test_a_transcript_called_words_is_of_one_recording_only(recording, tmp_path):

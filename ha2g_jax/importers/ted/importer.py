@@ -73,7 +73,7 @@ def import_ted(
         skeleton = _find_skeleton(list(databases.values()))
         metadata = {
             "name": skeleton,
-            "source": f"{_NAMES[skeleton]}, ha2g data import-ted",
+            "source": f"{_NAMES[skeleton]}, ha2g data import",
             "licence": _LICENCE,
             "files": {
                 split: {"bytes": (database.folder / _FILE).stat().st_size, "videos": len(database.keys)}

@@ -18,7 +18,7 @@ from ha2g_jax.data.corpus import TRAIN
 from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.recording import Report, SplitReport, report_as_json
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import check_regular, file_sha256, reading, shown
+from ha2g_jax.files.reading import check_regular, file_sha256, files_below, reading, shown
 from ha2g_jax.files.writing import check_kept, check_new, whole_file
 from ha2g_jax.importers.video import extraction, pose, runners
 from ha2g_jax.importers.video.extraction import Extraction, VideoRecording
@@ -212,7 +212,7 @@ def find_recordings(
 
     Folders are searched for videos at any depth, without hidden files and without the folder `without`.
     """
-    # Links are not followed, so that a video is named by the path where it was found.
+    # Links are not resolved, so that a video is named by the path where it was found.
     given = [pathlib.Path(os.path.abspath(path)) for path in videos]  # noqa: PTH100
     for path in given:
         with reading(path, "a video or a folder of videos"):
@@ -225,19 +225,21 @@ def find_recordings(
         raise UserError(f"no video in {', '.join(map(shown, given))}; expected files ending in {', '.join(SUFFIXES)}")
     root = pathlib.Path(os.path.commonpath([path if path.is_dir() else path.parent for path in given]))
     names = collections.Counter(_name(file, root) for file in found)
-    recordings, in_folder = [], collections.Counter(file.parent for file in found)
+    recordings, in_folder = dict[str, VideoRecording](), collections.Counter(file.parent for file in found)
     for file in found:
         name = _name(file, root)
         name = name if names[name] == 1 else shown(file.relative_to(root).as_posix())
+        if name in recordings:
+            raise UserError(f"two videos would both be called {name}; rename one")
         folder, slash, _ = name.partition("/")
-        recordings.append(VideoRecording(file, name, folder if slash else name, in_folder[file.parent] == 1))
-    return root, sorted(recordings, key=lambda recording: recording.name)
+        recordings[name] = VideoRecording(file, name, folder if slash else name, in_folder[file.parent] == 1)
+    return root, [recordings[name] for name in sorted(recordings)]
 
 
 def _inside(folder: pathlib.Path, without: pathlib.Path | None) -> list[pathlib.Path]:
     return [
         file
-        for file in folder.rglob("*")
+        for file in files_below(folder)
         if file.suffix.lower() in SUFFIXES
         and file.is_file()
         and not any(part.startswith(".") for part in file.relative_to(folder).parts)

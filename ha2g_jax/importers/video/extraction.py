@@ -3,7 +3,7 @@
 import dataclasses
 import itertools
 import pathlib
-from fractions import Fraction
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,7 +23,7 @@ from ha2g_jax.skeleton import Skeleton, hand_joints, load_skeleton
 
 SKELETON = "ted_expressive"
 # Version of the results of `extract`; a new number makes a continued build read its videos again.
-VERSION = 2
+VERSION = 3
 
 _WIDTH = 256  # pixels, for speed; about the size to which PySceneDetect reduces images, for which its thresholds hold
 _FLASH_SECONDS = 0.5  # cuts that are closer in time count as one
@@ -92,7 +92,7 @@ def extract(
     words = transcripts.words_of(
         audio, recording.transcript, recognise=settings.recognise, media=video, speaker=recording.speaker
     )
-    spans = find_shots(video, settings.shot_threshold)
+    spans = without_gaps(find_shots(video, settings.shot_threshold), times, settings.max_gap)
     poses = pose.estimate(video, command=settings.pose_command)
     if len(poses.positions) != len(times):
         raise UserError(
@@ -214,8 +214,7 @@ def find_shots(video: pathlib.Path, threshold: float = VideoSettings.shot_thresh
     detector = scenedetect.ContentDetector(threshold=threshold, min_scene_len=_FLASH_SECONDS)
     borders, num_frames = [0], 0
     with open_video(video) as container:
-        stream = container.streams.video[0]
-        rate = Fraction(stream.average_rate or stream.guessed_rate or images.DEFAULT_RATE)
+        rate = images.image_rate(container)
         for frame in decode(video, container):
             width = min(_WIDTH, frame.width)
             height = max(1, round(frame.height * width / frame.width))
@@ -226,6 +225,13 @@ def find_shots(video: pathlib.Path, threshold: float = VideoSettings.shot_thresh
     if not num_frames:
         raise no_images(video)
     return list(itertools.pairwise(sorted({*borders, num_frames})))
+
+
+def without_gaps(shots: Sequence[tuple[int, int]], times: np.ndarray, max_gap: float) -> list[tuple[int, int]]:
+    """Divide shots where two images (T,) are more than `max_gap` seconds apart, as where a call dropped images."""
+    gaps = {int(index) + 1 for index in np.flatnonzero(np.diff(times) > max_gap)}
+    borders = [sorted({start, end, *(gap for gap in gaps if start < gap < end)}) for start, end in shots]
+    return [span for of_shot in borders for span in itertools.pairwise(of_shot)]
 
 
 def is_visible(confidence: np.ndarray, min_confidence: float, min_visible: float) -> bool:

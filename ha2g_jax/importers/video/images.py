@@ -1,6 +1,7 @@
 """The images of a video: decoding within limits of memory, their times, and squares around the speaker."""
 
 import contextlib
+import fractions
 import pathlib
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -11,7 +12,7 @@ from av.container import InputContainer
 from PIL import Image
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.features.media import MEDIA_ERRORS, open_media, sound_start
+from ha2g_jax.features.media import MEDIA_ERRORS, open_media, sound_start, video_track
 from ha2g_jax.files.reading import reason, shown
 from ha2g_jax.limits import MAX_VIDEO_IMAGE_BYTES, MAX_VIDEO_IMAGES, MAX_VIDEO_PIXELS
 from ha2g_jax.skeleton import Skeleton
@@ -20,6 +21,8 @@ _MARGIN = 1.15  # enlargement of the square around the keypoints, because should
 _CROWN = 1.3  # distance of the top of the hair from the nose, as a multiple of that of the neck
 DEFAULT_RATE = 25
 _WHOLE = 0.9  # fraction of the stated length, less a second, that must exist, because stated lengths are imprecise
+
+_NARROWEST = 1 / 4  # width of a pixel as a multiple of its height; beyond it, and its inverse, a header is wrong
 
 _LARGE = 1 << 24  # bytes of an image from which only two are decoded at a time
 
@@ -44,9 +47,8 @@ def open_video(video: pathlib.Path) -> InputContainer:
         raise _unreadable(video, error) from error
     with contextlib.ExitStack() as on_error:
         on_error.push(container)
-        if not container.streams.video:
+        if (stream := video_track(container)) is None:
             raise no_images(video)
-        stream = container.streams.video[0]
         if stream.codec_context is None:
             raise UserError(f"{shown(video)} has images of an unknown codec; expected a usual one, such as H.264")
         num_bytes = _check_size(video, stream.width, stream.height, stream.format)
@@ -65,7 +67,7 @@ def decode(video: pathlib.Path, container: InputContainer) -> Iterator[av.VideoF
         UserError: an image cannot be read, or there are too many or too large ones.
     """
     try:
-        for number, frame in enumerate(container.decode(container.streams.video[0])):
+        for number, frame in enumerate(container.decode(_track(container))):
             if number == MAX_VIDEO_IMAGES:
                 raise UserError(f"{shown(video)} has more than {MAX_VIDEO_IMAGES} images; cut it into parts of an hour")
             _check_size(video, frame.width, frame.height, frame.format)
@@ -85,8 +87,7 @@ def image_times(video: pathlib.Path) -> np.ndarray:
     """
     times, last = [], 0.0
     with open_video(video) as container:
-        stream = container.streams.video[0]
-        rate = float(stream.average_rate or stream.guessed_rate or DEFAULT_RATE)
+        rate = float(image_rate(container))
         for frame in decode(video, container):
             times.append(frame.time)
             last = float((frame.duration or 0) * (frame.time_base or 0))
@@ -111,7 +112,7 @@ def image_size(video: pathlib.Path) -> tuple[int, int]:
     """Return the width and height of a video's first image, as it is shown, in pixels."""
     with open_video(video) as container:
         for frame in decode(video, container):
-            return upright(frame).size
+            return upright(frame, pixel_ratio(container)).size
     raise no_images(video)
 
 
@@ -148,7 +149,7 @@ def crops(video: pathlib.Path, wanted: Sequence[tuple[int, Box]], size: int) -> 
         for index, frame in enumerate(decode(video, container)):
             if index not in numbers:
                 continue
-            image = upright(frame)
+            image = upright(frame, pixel_ratio(container))
             for number in numbers[index]:
                 left, top, side = wanted[number][1]
                 square = image.crop((left, top, left + side, top + side))
@@ -161,9 +162,23 @@ def crops(video: pathlib.Path, wanted: Sequence[tuple[int, Box]], size: int) -> 
     return [images[number] for number in range(len(wanted))]
 
 
-def upright(frame: av.VideoFrame) -> Image.Image:
-    """Convert a decoded image as players show it, with the rotation that phones store beside it."""
+def image_rate(container: InputContainer) -> fractions.Fraction:
+    """Return the mean number of images per second that an open video states, or else an assumed one."""
+    stream = _track(container)
+    return fractions.Fraction(stream.average_rate or stream.guessed_rate or DEFAULT_RATE)
+
+
+def pixel_ratio(container: InputContainer) -> float:
+    """Return the width of a pixel of an open video as a multiple of its height: 4/3 in HDV, 1 in most videos."""
+    ratio = float(_track(container).sample_aspect_ratio or 1)
+    return ratio if _NARROWEST <= ratio <= 1 / _NARROWEST else 1.0
+
+
+def upright(frame: av.VideoFrame, pixel_ratio: float) -> Image.Image:
+    """Convert a decoded image as players show it, with square pixels and the rotation that phones store beside it."""
     image = Image.fromarray(frame.to_ndarray(format="rgb24"))
+    if pixel_ratio != 1:
+        image = image.resize((round(image.width * pixel_ratio), image.height), Image.Resampling.BILINEAR)
     return image.rotate(frame.rotation, expand=True) if frame.rotation else image
 
 
@@ -178,9 +193,16 @@ def _stated_seconds(container: InputContainer) -> float:
 
     It is the shorter duration of file and stream, because either may include parts that were cut away, or the audio.
     """
-    stream = container.streams.video[0]
+    stream = _track(container)
     of_stream = float((stream.duration or 0) * (stream.time_base or 0))
     return _WHOLE * min((container.duration or 0) / av.time_base, of_stream) - 1
+
+
+def _track(container: InputContainer) -> av.VideoStream:
+    """Return the images of a video that `open_video` has checked."""
+    stream = video_track(container)
+    assert stream is not None
+    return stream
 
 
 def no_images(video: pathlib.Path) -> UserError:

@@ -16,7 +16,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.media import MEDIA_ERRORS, open_media, sound_track
 from ha2g_jax.files.reading import reason, shown
 from ha2g_jax.files.writing import whole_file
-from ha2g_jax.importers.video.images import decode, open_video, upright
+from ha2g_jax.importers.video.images import decode, open_video, pixel_ratio, upright
 from ha2g_jax.skeleton import Skeleton, load_skeleton
 
 # One thread, because videos are processed in parallel, one on each core.
@@ -81,7 +81,7 @@ def _drawn_images(video: pathlib.Path, image_points: np.ndarray, confidence: np.
     skeleton = load_skeleton("ted_expressive")
     with open_video(video) as container:
         for frame, points, certainty in zip(decode(video, container), image_points, confidence, strict=True):
-            image = upright(frame)
+            image = upright(frame, pixel_ratio(container))
             scale = min(1.0, _LONGEST_SIDE / max(image.size))
             width, height = (max(2, 2 * round(side * scale / 2)) for side in image.size)
             scaled = points * (np.array([width, height]) / image.size)

@@ -21,7 +21,7 @@ from ha2g_jax.files.cache import cache_folder
 from ha2g_jax.files.npz import read_npz
 from ha2g_jax.files.reading import shown
 from ha2g_jax.files.writing import temporary_folder, writing
-from ha2g_jax.importers.video.images import decode, no_images, open_video, upright
+from ha2g_jax.importers.video.images import decode, no_images, open_video, pixel_ratio, upright
 from ha2g_jax.importers.video.keypoints import Keypoints, from_holistic
 from ha2g_jax.progress import stage
 
@@ -90,7 +90,7 @@ def _estimate_with_holistic(video: pathlib.Path, out: pathlib.Path) -> Keypoints
         assert process.stdin is not None
         with contextlib.suppress(BrokenPipeError), process.stdin:  # the estimator died; the reason is in its output
             for frame in decode(video, container):
-                image = upright(frame)
+                image = upright(frame, pixel_ratio(container))
                 is_empty = False
                 process.stdin.write(struct.pack("<2I", *image.size))
                 process.stdin.write(image.tobytes())

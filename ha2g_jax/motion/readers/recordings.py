@@ -10,11 +10,14 @@ import numpy as np
 from ha2g_jax.errors import UserError
 from ha2g_jax.features import words as transcripts
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
+from ha2g_jax.features.media import sound_after_images
 from ha2g_jax.features.text import Word
-from ha2g_jax.files.reading import folded, reading, resolved, shown
+from ha2g_jax.features.words.timing import inside
+from ha2g_jax.files.reading import files_below, folded, reading, resolved, shown
+from ha2g_jax.limits import MAX_SOUND_SECONDS
 from ha2g_jax.motion.readers import is_motion
 from ha2g_jax.motion.readers.bvh import USUAL_RATES
-from ha2g_jax.motion.readers.smplx_arrays import EMBODY_BODY
+from ha2g_jax.motion.readers.smplx_arrays import is_embody
 
 # In order of preference, if several files lie beside a motion file.
 AUDIO_SUFFIXES = (
@@ -52,7 +55,7 @@ def find_recordings(
     """Find the motion files in a folder and its subfolders, in order of their paths, or the one file.
 
     A recording has the name of its file, or its path if two files in different folders have the same name. By default a
-    speaker has the name of the folder if `src` has subfolders, otherwise the name of the file.
+    speaker has the name of the folder of the file, or that of the file if `src` is one.
 
     Args:
         suffixes: of motion files, such as ".bvh", in any letter case; of files of one name the first is the motion.
@@ -68,7 +71,7 @@ def find_recordings(
         if src.is_file():
             paths, root = [src], src.parent
         else:
-            found = [path for path in src.rglob("*") if path.suffix.lower() in suffixes and is_motion(path)]
+            found = [path for path in files_below(src) if path.suffix.lower() in suffixes and is_motion(path)]
             ranks = {path: suffixes.index(path.suffix.lower()) for path in found if not path.name.startswith(".")}
             best = {path.with_suffix(""): rank for path, rank in sorted(ranks.items(), key=lambda item: -item[1])}
             paths, root = sorted(path for path, rank in ranks.items() if best[path.with_suffix("")] == rank), src
@@ -103,14 +106,13 @@ def find_embody(root: pathlib.Path, speaker: str | None = None) -> list[MotionRe
         The recordings in order of their paths, none if the folder has another layout. Words lie beside the audio.
     """
     found = []
-    for folder in sorted(root.rglob(EMBODY_BODY)):
-        person = folder.parent
-        for path in sorted(folder.glob("[!.]*.npy")):
-            audio = person / _EMBODY_AUDIO / f"{path.stem}.wav"
-            words = transcripts.find(audio, is_alone=False)
-            name = shown(f"{path.stem}--{person.name}")
-            given = audio if audio.is_file() else None
-            found.append(MotionRecording(path, name, speaker or shown(person.name), given, words, is_alone=False))
+    for path in sorted(path for path in files_below(root) if is_embody(path)):
+        person = path.parent.parent
+        audio = person / _EMBODY_AUDIO / f"{path.stem}.wav"
+        words = transcripts.find(audio, is_alone=False)
+        name = shown(f"{path.stem}--{person.name}")
+        given = audio if audio.is_file() else None
+        found.append(MotionRecording(path, name, speaker or shown(person.name), given, words, is_alone=False))
     return found
 
 
@@ -118,6 +120,9 @@ def read_speech(recording: MotionRecording, *, with_words: bool) -> tuple[np.nda
     """Read the audio and the words of a recording.
 
     Both lie in the folder of the motion file and have its stem, or its stem up to a dot; see `transcripts.find`.
+
+    Motion that belongs to a video begins with its first image: sound that starts later has silence before it, and
+    sound that starts earlier is cut.
 
     Returns:
         (samples,) float32 at 16 kHz, and the words in seconds from the start, None if there is no transcript.
@@ -137,10 +142,15 @@ def read_speech(recording: MotionRecording, *, with_words: bool) -> tuple[np.nda
             f"{name} has no transcript; put {stem}.TextGrid, .json, .srt, .vtt or .tsv beside it, or allow it to "
             "have none (--no-words)"
         )
-    audio = read_audio(path)
-    if transcript is None:
-        return audio, None
-    words = transcripts.words_of(audio, transcript, recognise=None, media=path, speaker=recording.speaker)
+    audio, late = read_audio(path), min(sound_after_images(path), MAX_SOUND_SECONDS)
+    words = None
+    if transcript is not None:
+        words = transcripts.words_of(audio, transcript, recognise=None, media=path, speaker=recording.speaker)
+    samples = round(late * SAMPLE_RATE)
+    audio = np.pad(audio, (max(samples, 0), 0))[max(-samples, 0) :]
+    if words is not None and late:
+        moved = (word._replace(start=word.start + late, end=word.end + late) for word in words)
+        words = inside(moved, len(audio) / SAMPLE_RATE)
     return audio, words
 
 

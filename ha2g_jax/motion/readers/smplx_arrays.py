@@ -41,7 +41,7 @@ _SEAMLESS = {"translation": "transl", "is_valid": IS_GOOD}
 _CENTIMETRE = 0.01
 
 _EMBODY_PREFIX = "smplx_mesh_"
-EMBODY_BODY = f"{_EMBODY_PREFIX}body_pose"
+_EMBODY_BODY = f"{_EMBODY_PREFIX}body_pose"
 _EMBODY_PARTS = (
     *("body_pose", "global_orient", "left_hand_pose", "right_hand_pose", "jaw_pose", "leye_pose", "reye_pose"),
     *("transl", "betas"),
@@ -63,6 +63,8 @@ _TRANS = ("trans", "transl")
 _RATES = ("mocap_frame_rate", "mocap_framerate", "fps", "frame_rate")
 _EXPRESSIONS, _ARKIT = ("expressions", "expression"), ("arkit",)
 _MAX_VALUE = 1e4  # radians or metres
+_MANY_TURNS = 4 * np.pi  # radians of a rotation that most files do not have in any joint
+_FARTHEST = 1000.0  # metres
 
 # First joint and number of joints of each part, by the names that it may have.
 _PARTS = {
@@ -108,8 +110,8 @@ def from_seamless(arrays: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
 
 
 def is_embody(path: pathlib.Path) -> bool:
-    """Return whether a file is one of the body poses that `find_embody` finds."""
-    return path.parent.name == EMBODY_BODY
+    """Return whether a file is the body poses of a person of Embody 3D."""
+    return path.parent.name == _EMBODY_BODY and path.suffix == ".npy" and not path.name.startswith(".")
 
 
 def read_embody(path: pathlib.Path, max_bytes: int) -> dict[str, np.ndarray]:
@@ -168,16 +170,21 @@ def to_arrays(
     arrays = _held(from_seamless(arrays))
     if has_poses(arrays):
         name, frames = _poses(arrays)
+        if np.quantile(np.linalg.norm(frames, axis=-1).max(axis=1), 0.5) > _MANY_TURNS:
+            raise UserError(f"{name} holds rotations of many turns, such as those in degrees; expected radians")
     else:
         name = next((name for name in POSITIONS if name in arrays), "")
         if not name:
             raise UserError(f"no array {POSES} or {POSITIONS[0]} in it; expected poses or joint positions of SMPL-X")
         frames = _positions(arrays[name], name) * (unit or 1.0)
     count = len(frames)
+    trans = _trans(arrays, count, name) * (unit or 1.0)
+    if np.ptp(trans, axis=0).max(initial=0) > _FARTHEST:
+        raise UserError(f"the person moves more than {_FARTHEST:.0f} m; give the metres in one unit (--unit)")
     return SmplxArrays(
         frames=frames,
         are_poses=has_poses(arrays),
-        trans=_trans(arrays, count, name) * (unit or 1.0),
+        trans=trans,
         betas=read_shape(arrays),
         fps=source_fps or _rate(arrays),
         face=_face(arrays, count, name),
@@ -242,8 +249,9 @@ def _rate(arrays: Mapping[str, np.ndarray]) -> float:
     if name is None:
         raise UserError(f"no frame rate in it ({_RATES[0]}); give the frames per second (--source-fps)")
     value = arrays[name]
-    try:  # some files have it as text
-        rate = float(value.item()) if value.size == 1 and value.dtype.kind in "fiuSU" else 0.0
+    try:  # some files have it as text, or once for each frame
+        same = np.unique(value) if value.dtype.kind in "fiuSU" else ()
+        rate = float(same[0]) if len(same) == 1 else 0.0
     except ValueError:
         rate = 0.0
     if not MIN_MOTION_FPS <= rate <= MAX_MOTION_FPS:
@@ -254,7 +262,7 @@ def _rate(arrays: Mapping[str, np.ndarray]) -> float:
 def read_shape(arrays: Mapping[str, np.ndarray]) -> np.ndarray:
     """Return the shape coefficients (n,), those of the first frame if a file has them for each frame."""
     betas = arrays.get(_BETAS, np.zeros(0))
-    betas = betas[0] if betas.ndim == 2 and len(betas) else betas
+    betas = betas[0] if betas.ndim == 2 and len(betas) else betas.ravel() if not betas.size else betas
     if betas.ndim != 1:
         raise UserError(f"{_BETAS} has shape {betas.shape}; expected a list of shape coefficients")
     return _checked(betas[None], _BETAS)[0]

@@ -221,6 +221,15 @@ def test_names_are_unique_and_speakers_are_folders(tmp_path):
     assert [(video.name, video.speaker) for video in found] == [("a/deep/x", "a"), ("y", "y")]
 
 
+def test_two_videos_with_one_shortened_name_are_refused(tmp_path):
+    for number in range(2):
+        folder = tmp_path / ("a" * 110 + f" {number} " + "b" * 90)
+        folder.mkdir()
+        (folder / ("c" * 90 + ".mp4")).touch()
+    with pytest.raises(UserError, match="two videos would both be called a"):
+        build.find_recordings([tmp_path])
+
+
 def test_a_cluster_gives_the_same_bytes_and_survives_a_killed_worker(videos, settings, expected, tmp_path):
     """Two nodes of Ray, and the Ray worker of one video killed midway."""
     pytest.importorskip("ray")

@@ -75,6 +75,15 @@ def test_a_time_far_off_makes_no_endless_clip(extract, tmp_path):
     assert len(clip.positions) / 15 == pytest.approx(6, abs=0.2)
 
 
+def test_a_hole_in_the_images_is_not_filled(extract, tmp_path):
+    """Protects from motion that nobody made: a recorded call has no images for seconds."""
+    times = np.r_[np.arange(80) / 10, 10 + np.arange(60) / 10]
+    extracted = extract(make_recording(tmp_path / "talk.mkv", seconds=16, times=times))
+    clips = [records.decode_clip(record) for record in extracted.records]
+    assert [round(clip.recording_start) for clip in clips] == [0, 10]
+    assert [len(clip.positions) / 15 for clip in clips] == pytest.approx([8, 6], abs=0.2)
+
+
 def test_a_clip_shows_its_own_first_images(extract, tmp_path):
     """Protects the pairing of clips and images: two clips of one shot have different ones."""
     extracted = extract(make_recording(tmp_path / "talk.mp4", seconds=12), max_seconds=9.0, num_reference_frames=2)

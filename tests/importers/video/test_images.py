@@ -1,9 +1,11 @@
 """When images are shown, and what is cut out of them."""
 
+from fractions import Fraction
+
 import av
 import numpy as np
 import pytest
-from fixtures.videos import make_video
+from fixtures.videos import HEIGHT, WIDTH, make_video
 from PIL import Image
 
 from ha2g_jax.errors import UserError
@@ -64,7 +66,7 @@ def test_crops_are_of_the_frames_asked_for(tmp_path):
 def test_images_stand_upright(tmp_path):
     """Protects videos of a phone held upright: their images are stored lying, with a rotation beside them."""
     lying = av.VideoFrame.from_ndarray(np.zeros((48, 64, 3), np.uint8), format="rgb24")
-    assert images.upright(lying).size == (64, 48)
+    assert images.upright(lying, 1.0).size == (64, 48)
     image = Image.new("RGB", (64, 48))
     image.putpixel((63, 0), (255, 255, 255))
 
@@ -75,8 +77,26 @@ def test_images_stand_upright(tmp_path):
             assert format == "rgb24"
             return np.asarray(image)
 
-    shown = images.upright(Rotated())  # pyright: ignore[reportArgumentType]
+    shown = images.upright(Rotated(), 1.0)  # pyright: ignore[reportArgumentType]
     assert shown.size == (48, 64) and shown.getpixel((0, 0)) == (255, 255, 255)  # rotated counterclockwise
+
+
+def test_pixels_that_are_not_square_are_stretched(tmp_path):
+    """Protects the widths of hands in HDV and DV, whose images are stored narrower than they are shown."""
+    assert images.image_size(make_video(tmp_path / "hdv.mp4", pixels=Fraction(4, 3))) == (round(WIDTH * 4 / 3), HEIGHT)
+    assert images.image_size(make_video(tmp_path / "damaged.mp4", pixels=Fraction(99, 1))) == (WIDTH, HEIGHT)
+
+
+def test_a_small_track_before_the_video_is_not_the_video(tmp_path):
+    with av.open(str(tmp_path / "two.mkv"), "w") as container:
+        picture = container.add_stream("mjpeg", rate=10, width=16, height=16, pix_fmt="yuvj420p")
+        video = container.add_stream("libx264", rate=10, width=64, height=64, pix_fmt="yuv420p")
+        for track, layout, count in ((picture, "yuvj420p", 1), (video, "yuv420p", 9)):
+            for _ in range(count):
+                container.mux(track.encode(av.VideoFrame(track.width, track.height, layout)))
+            container.mux(track.encode())
+    assert len(images.image_times(tmp_path / "two.mkv")) == 9
+    assert images.image_size(tmp_path / "two.mkv") == (64, 64)
 
 
 def test_a_file_that_was_cut_off_is_named(tmp_path):

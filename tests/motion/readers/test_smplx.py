@@ -164,6 +164,11 @@ BAD = {
         {"joints": np.tile(BODY.points[:55] * 1000, (3, 1, 1))},
         r"the metres in one unit \(--unit\)",
     ),
+    "degrees": ({"poses": np.degrees(_poses(4) + 0.5)}, "many turns, such as those in degrees; expected radians"),
+    "places in millimetres": (
+        {"poses": _poses(4), "trans": np.linspace(0, 3000, 12).reshape(4, 3)},
+        r"moves more than 1000 m; give the metres in one unit \(--unit\)",
+    ),
     "objects": ({"poses": np.array([None, 1])}, "Python objects"),
 }
 
@@ -182,3 +187,8 @@ def test_a_file_without_frame_rate_asks_for_it(tmp_path):
     with pytest.raises(UserError, match="--source-fps"):
         read_smplx(tmp_path / "a.npz", EXPRESSIVE, BODY, fps=15)
     assert read_smplx(tmp_path / "a.npz", EXPRESSIVE, BODY, fps=15, source_fps=60).seconds == pytest.approx(4 / 60)
+
+
+def test_a_rate_for_each_frame_and_an_empty_shape_are_read(tmp_path):
+    np.savez(tmp_path / "a.npz", poses=_poses(4), mocap_frame_rate=np.full(4, 60.0), betas=np.zeros((0, 10)))
+    assert read_smplx(tmp_path / "a.npz", EXPRESSIVE, BODY, fps=15).seconds == pytest.approx(4 / 60)
