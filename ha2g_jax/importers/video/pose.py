@@ -51,7 +51,7 @@ def estimate(video: pathlib.Path, *, command: str | None = None) -> Keypoints:
         UserError: the estimator is not installed, fails, or writes invalid arrays.
     """
     video = pathlib.Path(video)
-    with tempfile.TemporaryDirectory(prefix="ha2g-pose-") as folder:
+    with tempfile.TemporaryDirectory() as folder:
         out = pathlib.Path(folder) / "poses.npz"
         if command is None:
             return _estimate_with_holistic(video, out)

@@ -8,6 +8,7 @@ import os
 import pathlib
 import pickle
 import signal
+import tempfile
 import threading
 import traceback
 from collections.abc import Callable, Generator, Sequence
@@ -41,8 +42,8 @@ def local(
     """Call a function that is importable by name on each item, each time in a new process with one OpenMP thread.
 
     When a process dies (a crash in a library, no memory left), its item is tried once more. All workers, and the
-    processes that they have started, end with this process, even if it is killed. There is a worker per core by
-    default.
+    processes that they have started, end with this process, even if it is killed; their temporary files are removed
+    at the end, also those of a worker that died. There is a worker per core by default.
 
     Yields:
         (item, result) in the order in which they finish; the result may be the function's exception or `WorkerDied`.
@@ -52,12 +53,14 @@ def local(
     workers = workers or os.cpu_count() or 1
     waiting = collections.deque((item, 1) for item in items)
     running: dict[connection.Connection, _Worker] = {}
+    folder = tempfile.TemporaryDirectory(prefix="ha2g-")
     try:
         while waiting or running:
             while waiting and len(running) < workers:
                 item, tries = waiting.popleft()
                 ours, theirs = context.Pipe(duplex=False)
-                process = context.Process(target=_work, args=(theirs, pickle.dumps((function, item))), daemon=True)
+                call = (theirs, pickle.dumps((function, item)), folder.name)
+                process = context.Process(target=_work, args=call, daemon=True)
                 process.start()
                 theirs.close()  # so that the pipe ends when the worker does
                 running[ours] = _Worker(process, item, tries)
@@ -79,6 +82,7 @@ def local(
     finally:
         for worker in running.values():
             _end(worker)
+        folder.cleanup()
 
 
 def _end(worker: _Worker) -> None:
@@ -89,11 +93,12 @@ def _end(worker: _Worker) -> None:
     worker.process.join()
 
 
-def _work(pipe: connection.Connection, call: bytes) -> None:
+def _work(pipe: connection.Connection, call: bytes, folder: str) -> None:
     """Run one call in a worker, which leads a process group so that Ctrl-C reaches only the parent."""
     os.setsid()
     threading.Thread(target=_end_with_parent, daemon=True).start()
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # before the function's libraries are imported
+    os.environ["TMPDIR"] = folder
     try:
         function, item = pickle.loads(call)
         pipe.send(function(item))

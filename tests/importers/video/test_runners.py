@@ -14,7 +14,7 @@ from ha2g_jax.importers.video import runners
 
 # What workers do. A module of its own, because workers import it by name.
 CALLS = """
-import os, pathlib, signal, subprocess, sys, time
+import os, pathlib, signal, subprocess, sys, tempfile, time
 
 def call(item):
     kind, _, path = item.partition(":")
@@ -33,6 +33,7 @@ def call(item):
         os.kill(os.getpid(), signal.SIGKILL)
     if kind == "wait":
         child = subprocess.Popen(["sleep", "600"])
+        tempfile.mkstemp()
         pathlib.Path(path).write_text(f"{os.getpid()} {child.pid}")
         child.wait()
     return item.upper()
@@ -64,14 +65,18 @@ def test_every_item_comes_back_with_its_result_or_its_error(call, tmp_path):
     assert len(outcomes) == len(items)
 
 
-def test_nothing_survives_an_interrupt(call, tmp_path):
-    """Protects Ctrl-C: workers, and the estimators that they run, are gone when the caller is told."""
+def test_nothing_survives_an_interrupt(call, tmp_path, monkeypatch):
+    """Protects Ctrl-C: workers, the estimators that they run, and their files are gone when the caller is told."""
+    (tmp_path / "temporary").mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "temporary"))
     notes = [tmp_path / "first", tmp_path / "second"]
     results = runners.local(call, [*(f"wait:{note}" for note in notes), "a"], 3)
     with contextlib.closing(results):
         assert next(results) == ("a", "A")
         while not all(note.exists() and note.read_text() for note in notes):
             time.sleep(0.01)
+        assert len([*(tmp_path / "temporary").rglob("tmp*")]) == 2
+    assert not [*(tmp_path / "temporary").iterdir()]
     for note in notes:
         assert all(is_gone(int(number)) for number in note.read_text().split())
 
