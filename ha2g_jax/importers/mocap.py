@@ -157,8 +157,9 @@ def import_smplx(
     if recordings and (options.audio is not None or options.words is not None):
         raise UserError(f"{shown(src)} has captures of Embody 3D with their own sound; leave out --audio and --words")
     if not recordings:
-        suffixes = (".npz",) if source_fps is None else (".npz", ".npy")  # of a .npy the rate must be stated
-        recordings = find_recordings(src, suffixes, speaker=options.speaker, audio=options.audio, words=options.words)
+        recordings = find_recordings(
+            src, (".npz", ".npy"), speaker=options.speaker, audio=options.audio, words=options.words
+        )
         if src.is_dir():
             recordings = _with_folders_of_beat(recordings, src)
         if options.speaker is None:

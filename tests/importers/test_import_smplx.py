@@ -8,8 +8,9 @@ import soundfile
 from fixtures.transcripts import text_grid
 
 from ha2g_jax.data.corpus import Corpus
+from ha2g_jax.errors import UserError
 from ha2g_jax.importers.mocap import ImportOptions, import_smplx
-from ha2g_jax.motion.readers.smplx_body import JOINTS
+from ha2g_jax.motion.readers.smplx_body import JOINTS, template
 from ha2g_jax.skeleton import load_skeleton
 
 SECONDS = 8
@@ -97,3 +98,16 @@ def test_frames_that_a_file_marks_as_bad_are_left_out(tmp_path):
     import_smplx(tmp_path / "in", tmp_path / "out")
     (clip,) = Corpus.open(tmp_path / "out").clips("train")
     assert len(clip.positions) == 15 * 4
+
+
+def test_a_folder_of_joint_positions_needs_its_rate(tmp_path):
+    """ExPose writes an array of joints for each take, which does not say its rate."""
+    joints = np.tile(template().points[:55], (SECONDS * 30, 1, 1))
+    joints[:, JOINTS.index("left_wrist"), 1] += 0.15 * np.sin(np.arange(len(joints)) / 6)
+    _speech(tmp_path / "in" / "talk.wav", tmp_path / "in" / "talk.TextGrid")
+    np.save(tmp_path / "in" / "talk.npy", joints)
+    with pytest.raises(UserError, match=r"talk\.npy: no frame rate in it .* \(--source-fps\)"):
+        import_smplx(tmp_path / "in", tmp_path / "out")
+    import_smplx(tmp_path / "in", tmp_path / "out", source_fps=30)
+    (clip,) = Corpus.open(tmp_path / "out").clips("train")
+    assert len(clip.positions) == SECONDS * 15 and len(clip.words) == len(WORDS)
