@@ -63,14 +63,19 @@ def multimodality(latents: np.ndarray) -> float:
 
 
 def _both(latents: Latents, seed: int) -> Callable[[np.ndarray], tuple[float, float]]:
-    """Return diversity L1 and L2 of 500 pairs for any draw of recordings; copies of one are never paired."""
+    """Return diversity L1 and L2 for any draw of recordings, of 500 pairs, copies of one never among them.
+
+    Those of the recordings themselves are means of ten draws of pairs, as in `row_draws`.
+    """
     windows = np.arange(len(latents.members))
 
     @functools.cache
     def both(drawn: bytes) -> tuple[float, float]:
-        chosen = np.repeat(windows, np.frombuffer(drawn, np.int64)[latents.members])
-        found = diversity(latents.latents[chosen], latents.members[chosen], num_pairs=NUM_PAIRS, num_draws=1, seed=seed)
-        return float(found.l1[0]), float(found.l2[0])
+        counts = np.frombuffer(drawn, np.int64)
+        chosen = np.repeat(windows, counts[latents.members])
+        num_draws = NUM_DRAWS if (counts == 1).all() else 1
+        found = diversity(latents.latents[chosen], latents.members[chosen], num_draws=num_draws, seed=seed)
+        return float(found.l1.mean()), float(found.l2.mean())
 
     return lambda counts: both(np.asarray(counts, np.int64).tobytes())
 

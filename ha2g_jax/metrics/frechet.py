@@ -97,27 +97,37 @@ def half_split_floor(latents: np.ndarray, recordings: np.ndarray, *, num_draws: 
     return floors
 
 
-def extrapolate(generated: np.ndarray, real: np.ndarray, *, seed: int = 0) -> float:
+def extrapolate(generated: np.ndarray, real: np.ndarray, *, inputs: np.ndarray | None = None, seed: int = 0) -> float:
     """Estimate the distance of infinite sets, as the intercept of a line through FGD against 1/n.
 
     Chong and Forsyth 2020 (FID infinity): the bias of the distance falls as 1/n, so that it can be estimated from
     subsets of several sizes n, evenly spaced from a tenth (but at least 2 d, and at most a half) to the whole of the
-    smaller set of latents (n, d) and (m, d). If m = n, both subsets have the same rows, as the sets may be two motions
-    for the same speech. The result is the mean intercept of lines through random subsets. The bias due to few
-    recordings remains. It may be slightly negative; NaN with fewer than 4 latents in a set.
+    smaller set of latents (n, d) and (m, d). The result is the mean intercept of lines through random subsets. The bias
+    due to few recordings remains. It may be slightly negative; NaN with fewer than 4 latents in a set.
+
+    Args:
+        inputs: (n,) row of the real set with the motion for the same speech, each at least once. Both subsets are then
+            of the same speech, with one of several motions for each. By default row k belongs to row k if m = n, else
+            the sets are independent.
     """
     generated, real = np.asarray(generated), np.asarray(real)
+    if inputs is None and len(real) == len(generated):
+        inputs = np.arange(len(real))
     most = min(len(generated), len(real))
     if most < 4:
         return np.nan
     least = max(2, min(most // 2, max(most // 10, 2 * real.shape[1])))
     sizes = np.unique(np.linspace(least, most, _NUM_SIZES).astype(int))
-    rng = np.random.default_rng(seed)
+    rng, which = np.random.default_rng(seed), np.random.default_rng([seed, 1])
     distances = np.empty((_NUM_LINES, len(sizes)))
     for place in np.ndindex(distances.shape):
         size = sizes[place[1]]
-        rows = rng.permutation(len(generated))[:size]
-        others = rows if len(real) == len(generated) else rng.permutation(len(real))[:size]
+        others = rng.permutation(len(real))[:size]
+        if inputs is None:
+            rows = rng.permutation(len(generated))[:size]
+        else:  # one motion for each speech, the first in a random order
+            order = which.permutation(len(inputs))
+            rows = order[np.unique(inputs[order], return_index=True)[1]][others]
         distances[place] = distance(moments(generated[rows]), moments(real[others]))
     return float(np.polyfit(1 / sizes, distances.mean(axis=0), 1)[1])
 
@@ -189,7 +199,9 @@ def _extrapolated(row: Row) -> Score:
     own, true = row.once(row_latents), row.reference.truth.once(row_latents)
     if own is None or true is None or own.cut.name != FGD_CUT:
         return None
-    return extrapolate(own.latents, true.latents, seed=row.reference.seed)
+    places, order = np.unique(true.inputs, return_index=True)
+    inputs = order[np.searchsorted(places, own.inputs)]
+    return extrapolate(own.latents, true.latents, inputs=inputs, seed=row.reference.seed)
 
 
 def _fgd(name: str, title: str, cut: str) -> Metric:

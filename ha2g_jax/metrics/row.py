@@ -82,7 +82,8 @@ class Row(_Remembers):
         numbers: (n,) index of the clip of each motion.
         onsets: times in seconds of the onsets that each motion is scored with, None without sound.
         borders: first frames of the windows that each motion was joined from.
-        has_counterpart: whether the motion should be like the true motion of the clip.
+        has_counterpart: whether the motion should be like the true motion of the clip, whose onsets are then those of
+            the reference.
     """
 
     reference: Reference

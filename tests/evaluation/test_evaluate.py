@@ -129,6 +129,16 @@ def test_a_row_has_the_scores_that_its_motion_allows(results):
     assert value(results, "late", "seam_velocity") == pytest.approx(1, abs=0.3)
 
 
+def test_differences_are_those_of_the_values_that_are_shown(skeleton, perform, reference, features):
+    """Also of diversity, whose value is a mean of ten draws of pairs."""
+    rows = {"late": perform(CLIPS, delay=0.25), "true": reference}
+    results = evaluate(rows, reference, skeleton, autoencoder=features, draws=2)
+    (found,) = results["differences"].values()
+    for metric in ("beat_gain", "fgd", "diversity_l1"):
+        difference = value(results, "true", metric) - value(results, "late", metric)
+        assert found[metric]["value"] == pytest.approx(difference, abs=1e-4)
+
+
 def test_differences_of_two_methods_are_paired(results):
     (found,) = results["differences"].values()
     assert list(results["differences"]) == ["late again - late"]
@@ -273,6 +283,13 @@ def test_mismatched_speech_is_another_sources(skeleton, perform, reference):
         others = [other for other, own in enumerate(rows.truth.onsets) if own is onsets]
         assert others and rows.reference.recordings[others[0]] != rows.reference.recordings[number]
         assert rows.rows[MISMATCHED].directions[number] is rows.truth.directions[number]
+
+
+@pytest.mark.parametrize("num_recordings", [2, 3])
+def test_the_chance_level_of_mismatched_speech_is_that_of_the_true_motion(skeleton, perform, num_recordings):
+    """With few recordings, the other sound of a clip's other sound is often its own."""
+    results = evaluate({"a": perform(3 * num_recordings)}, perform(3 * num_recordings), skeleton, draws=2)
+    assert value(results, MISMATCHED, "beat_f_mismatched") == value(results, TRUTH, "beat_f_mismatched")
 
 
 def test_where_one_recording_alone_has_windows_they_are_told_apart_by_blocks_of_its_time(skeleton, perform):

@@ -138,6 +138,17 @@ def test_extrapolation_removes_the_bias_of_small_sets():
     assert np.isnan(frechet.extrapolate(a[:3], b))
 
 
+def test_several_motions_for_each_speech_are_extrapolated_as_one_is():
+    """Copies of the truth are at no distance from it, and five takes of a system as far as each of them."""
+    rng = np.random.default_rng(14)
+    real = rng.normal(size=(400, 12))
+    inputs = np.repeat(np.arange(400), 5)
+    assert frechet.extrapolate(real[inputs], real, inputs=inputs) == 0
+    takes = real[inputs] + rng.normal(0, 0.3, (2000, 12))
+    ones = [frechet.extrapolate(takes[first::5], real) for first in range(5)]
+    assert frechet.extrapolate(takes, real, inputs=inputs) == pytest.approx(float(np.mean(ones)), rel=0.2)
+
+
 # The release's rules, on stored cases.
 
 

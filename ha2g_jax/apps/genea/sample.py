@@ -265,6 +265,7 @@ def _speaker(clip: str) -> str:
 
 
 def _number(path: pathlib.Path) -> tuple[int, str]:
-    """Return the key of the order of samples: 2 before 10."""
-    numbers = re.findall(r"\d+", f"{path.parent.name} {path.suffixes[0] if path.suffixes else ''}")
+    """Return the key of the order of samples, 2 before 10: the number at the end of the name of the file or folder."""
+    number = path.stem.rpartition(".")[2]
+    numbers = re.findall(r"\d+", number if number.isdecimal() and number != path.stem else path.parent.name)
     return (int(numbers[-1]) if numbers else 0), path.as_posix()

@@ -65,13 +65,14 @@ class Answers(NamedTuple):
 def read_answers(paths: Sequence[pathlib.Path], key: Key) -> Answers:
     """Read answer files, and folders of `.json` files; one that does not fit the study or the format is excluded.
 
-    Of several files with the same participant, the one that was finished first is kept.
+    Of several files with the same participant, only the one that was finished first may be kept, so that a failed
+    attention check is not repaired by a second try.
 
     Raises:
         UserError: there is nothing at a path, a folder has no answer file, or there are too many files.
     """
     files = _files(paths)
-    kept: list[tuple[Participant, pathlib.Path]] = []
+    complete: list[tuple[Participant, str, pathlib.Path]] = []
     excluded: dict[pathlib.Path, Exclusion] = {}
     with progress_bar("reading answers", len(files), "file") as bar:
         for path in files:
@@ -80,20 +81,23 @@ def read_answers(paths: Sequence[pathlib.Path], key: Key) -> Answers:
                 check_regular(path, _EXPECTED)
                 content = read_json(path, _EXPECTED, MAX_ANSWER_BYTES)
                 participant = _name_of(content)
-                kept.append((_participant(content, path, key), path))
+                complete.append((*_participant(content, path, key), path))
             except (UserError, ValueError) as error:  # a UserError begins with the name of the file
                 excluded[path] = Exclusion(shown(path), participant, str(error).removeprefix(f"{shown(path)} "))
             bar.update()
-    chosen: dict[str, Participant] = {}
-    for one, path in sorted(kept, key=lambda each: (each[0].finished, each[1])):
-        first = chosen.setdefault(one.id, one)
+    firsts, kept = dict[str, Participant](), dict[str, Participant]()
+    for one, failure, path in sorted(complete, key=lambda each: (each[0].finished, each[2])):
+        first = firsts.setdefault(one.id, one)
         if first is not one:
             is_copy = one.answers == first.answers
             what = "a copy of the answers" if is_copy else "further answers, finished later,"
-            reason = f"{what} of participant {one.id}; {first.file} is kept"
-            excluded[path] = Exclusion(one.file, one.id, reason)
+            failure = f"{what} of participant {one.id}; {first.file} is the first"
+        if failure:
+            excluded[path] = Exclusion(one.file, one.id, failure)
+        else:
+            kept[one.id] = one
     return Answers(
-        tuple(chosen[name] for name in sorted(chosen)), tuple(excluded[path] for path in files if path in excluded)
+        tuple(kept[name] for name in sorted(kept)), tuple(excluded[path] for path in files if path in excluded)
     )
 
 
@@ -119,8 +123,12 @@ def _name_of(content: Any) -> str:
     return name if isinstance(name, str) and _ID.fullmatch(name) else ""
 
 
-def _participant(content: Any, path: pathlib.Path, key: Key) -> Participant:
-    """Check a whole file; the message of the ValueError is the reason for its exclusion."""
+def _participant(content: Any, path: pathlib.Path, key: Key) -> tuple[Participant, str]:
+    """Check a whole file; the message of the ValueError is the reason for its exclusion.
+
+    Returns:
+        The participant, and why complete answers do not count, "" if they do.
+    """
     _check(isinstance(content, dict), "not a JSON object")
     _check(content.get("format") == _FORMAT, f'no "format": "{_FORMAT}"')
     _check(
@@ -138,8 +146,8 @@ def _participant(content: Any, path: pathlib.Path, key: Key) -> Participant:
     answers = tuple(_answers(content, key))
     checks = [answer for answer in answers if answer.item.kind == ATTENTION]
     failed = sum(answer.ratings != (answer.item.expected,) for answer in checks)
-    _check(not failed, f"failed {failed} of {len(checks)} attention checks")
-    return Participant(name, shown(path), finished, answers, comments)
+    failure = f"failed {failed} of {len(checks)} attention checks" if failed else ""
+    return Participant(name, shown(path), finished, answers, comments), failure
 
 
 def _answers(content: Mapping[str, Any], key: Key) -> Iterator[Answer]:

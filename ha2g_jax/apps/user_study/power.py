@@ -247,23 +247,23 @@ def power_table(
 def read_pilot(measure: str, paths: Sequence[pathlib.Path], key: Key) -> tuple[Spreads, float]:
     """Estimate standard deviations and the share of equal choices from the answers of a pilot study.
 
-    The delete-one variances over participants and clips are set equal to those that the standard deviations imply,
-    negative results are set to 0, and the results are averaged over scales and pairs of systems.
+    The sums of squares over participants, over clips and of the rest are set equal to their expectations (Henderson
+    1953), negative results are set to 0, and the results are averaged over scales and pairs of systems.
 
     Raises:
         UserError: the answers cannot be read, or have too little to estimate standard deviations.
     """
     participants, equal = read_answers(paths, key).participants, 0.0
     if measure == MOS:
-        variances = _of_ratings(ratings_of(participants, key))
+        variances = variances_of_ratings(ratings_of(participants, key))
     else:
         choices = choices_of(participants, key, measure)
-        variances = _of_choices(choices)
+        variances = variances_of_choices(choices)
         equal = float((choices.outcome == 0).mean()) if len(choices.outcome) else 0.0
     if not variances:
         raise UserError(
-            f"the pilot study has too few answers for {measure}: two participants have to answer for two clips of the "
-            "same pair of systems each, as where there are fewer clips; give --sd-participants and --sd-clips"
+            f"the pilot study has too few answers for {measure}: participants have to answer for two clips or more of "
+            "the same pair of systems each, as where there are fewer clips; give --sd-participants and --sd-clips"
         )
     means = np.mean(variances, axis=0)
     if not np.any(means):
@@ -271,7 +271,7 @@ def read_pilot(measure: str, paths: Sequence[pathlib.Path], key: Key) -> tuple[S
     return Spreads(*(math.sqrt(value) for value in means)), equal
 
 
-def _of_ratings(ratings: Ratings) -> list[tuple[float, float, float]]:
+def variances_of_ratings(ratings: Ratings) -> list[tuple[float, float, float]]:
     """Return the variances of differences between systems on the same clip, for each pair and scale."""
     found = []
     shape = (ratings.participant.max(initial=0) + 1, ratings.clip.max(initial=0) + 1)
@@ -290,26 +290,27 @@ def _of_ratings(ratings: Ratings) -> list[tuple[float, float, float]]:
     return found
 
 
-def _of_choices(choices: Choices) -> list[tuple[float, float, float]]:
+def variances_of_choices(choices: Choices) -> list[tuple[float, float, float]]:
     """Return the variances of shares, for each pair of systems or each system."""
     found = []
     for pair in np.unique([choices.first, choices.second], axis=1).T if len(choices.outcome) else []:
         mine = choices.where((choices.first == pair[0]) & (choices.second == pair[1]) & (choices.outcome != 0))
-        if min(len(np.unique(mine.participant)), len(np.unique(mine.clip))) > 1:
-            values = (mine.outcome == 1).astype(float)
-            rest = float(values.mean() * (1 - values.mean()))
+        values = (mine.outcome == 1).astype(float)
+        rest = _rest(values, mine.participant, mine.clip)
+        if rest is not None:
             found.append((*_components(values, mine.participant, mine.clip, rest), 0.0))
     return found
 
 
 def _components(values: np.ndarray, participants: np.ndarray, clips: np.ndarray, rest: float) -> tuple[float, float]:
     """Return the variances between participants and between clips, given that of the rest."""
-    found = []
-    for groups in (participants, clips):
-        counts = np.bincount(groups)
-        variance = float(ratio(np.bincount(groups, values), counts).variance)
-        found.append(max(0.0, (variance - rest / len(values)) * len(values) ** 2 / float(np.square(counts).sum())))
-    return found[0], found[1]
+    belongs = [(groups[:, None] == np.unique(groups)).astype(float) for groups in (participants, clips)]
+    # The sums of squares are those of totals of participants, or clips, less their share of the mean.
+    totals = [each.T - each.mean(axis=0)[:, None] for each in belongs]
+    implied = [[np.square(total @ each).sum() for each in belongs] for total in totals]
+    squares = [np.square(total @ values).sum() - rest * np.square(total).sum() for total in totals]
+    of_participants, of_clips = np.linalg.solve(implied, squares).tolist()
+    return max(0.0, of_participants), max(0.0, of_clips)
 
 
 def _rest(values: np.ndarray, participants: np.ndarray, clips: np.ndarray) -> float | None:

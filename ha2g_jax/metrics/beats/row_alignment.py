@@ -21,7 +21,7 @@ class RowAlignment(NamedTuple):
     Attributes:
         own: alignment of n motions with their own sound.
         paper: the same with the motion beats of the paper, for BC.
-        floor: (n,) F with mismatched speech, NaN for a silent clip.
+        floor: (n,) F with the sound of other recordings, NaN for a silent clip.
         members: (n,) index of each motion's recording.
     """
 
@@ -44,7 +44,9 @@ def row_alignment(row: Row) -> RowAlignment | None:
     onsets = [np.asarray(row.onsets[index], np.float64) for index in with_sound]
     clips = make_clips(rates, onsets, reference.fps)
     own = align(clips)
-    floor = mismatched(clips, reference.recordings[numbers], num=NUM_MISMATCHES, seed=reference.seed)
+    true = [np.asarray(reference.onsets[number], np.float64) for number in numbers]
+    sound = clips if row.has_counterpart else make_clips(rates, true, reference.fps)
+    floor = mismatched(sound, reference.recordings[numbers], num=NUM_MISMATCHES, seed=reference.seed)
     floor = np.where(own.is_silent, np.nan, floor)
     paper = consistency(rates, onsets, reference.fps)
     return RowAlignment(own, paper, floor, row.members[with_sound], reference.num_recordings)

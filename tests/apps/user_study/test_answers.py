@@ -106,6 +106,15 @@ def test_of_two_files_of_a_participant_the_first_is_kept(key, content, tmp_path)
     assert further.reason.startswith("further answers, finished later") and copied.reason.startswith("a copy of")
 
 
+def test_a_second_try_does_not_repair_a_failed_attention_check(key, content, tmp_path):
+    failed = copy.deepcopy(content)
+    first_of("attention", answer=1)(failed)
+    found = read(tmp_path, key, content | {"finished": "2027-02-03T06:00:00+01:00"}, failed)
+    assert not found.participants
+    second, first = found.excluded
+    assert "failed 1 of 1 attention checks" in first.reason and "finished later, of participant p00" in second.reason
+
+
 @FUZZ
 @given(data=st.data())
 def test_damaged_answers_are_read_or_excluded(data, tmp_path):

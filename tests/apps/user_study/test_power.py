@@ -9,6 +9,7 @@ from scipy import stats
 
 from ha2g_jax import cli
 from ha2g_jax.apps.user_study import power
+from ha2g_jax.apps.user_study.answers import Choices
 from ha2g_jax.apps.user_study.estimates import system_differences
 from ha2g_jax.apps.user_study.power import Plan, Spreads, read_pilot
 from ha2g_jax.errors import UserError
@@ -104,6 +105,29 @@ def test_a_pilot_gives_the_spreads_that_made_it(tmp_path):
     shares, equal = read_pilot("mismatch", [tmp_path / "answers"], key)
     assert shares.participants == pytest.approx(0.15, abs=0.06)
     assert equal == pytest.approx(0.25, abs=0.04)
+
+
+@pytest.mark.parametrize("items", [2, 4, 10])
+def test_pilots_of_choices_give_the_spread_of_participants_on_average(items):
+    """60 participants who choose for some of 20 clips; their shares have a standard deviation of 0.2."""
+    variances = []
+    for number in range(40):
+        random = np.random.default_rng(number)
+        clips = random.random((60, 20)).argsort(axis=1)[:, :items].ravel()
+        people = np.repeat(np.arange(60), items)
+        share = 0.5 + random.choice([-0.2, 0.2], 60)[people] + random.choice([-0.1, 0.1], 20)[clips]
+        outcome = np.where(random.random(len(clips)) < share, 1, -1)
+        systems = np.zeros_like(clips)
+        choices = Choices(people, clips, np.arange(len(clips)), systems, systems + 1, outcome)
+        variances += power.variances_of_choices(choices)
+    of_participants, of_clips, _ = np.mean(variances, axis=0)
+    assert of_participants == pytest.approx(0.04, abs=0.008) and of_clips == pytest.approx(0.01, abs=0.004)
+
+
+def test_a_pilot_with_one_choice_of_each_participant_tells_nothing():
+    people = np.arange(60)
+    choices = Choices(people, people % 20, people, 0 * people, 0 * people + 1, np.where(people % 3, 1, -1))
+    assert power.variances_of_choices(choices) == []
 
 
 def test_command(tmp_path, capsys):
