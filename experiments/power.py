@@ -142,7 +142,8 @@ def main() -> int:
         )
     ]
     for count in BLOCKS:
-        rows.append((str(count), *(f"{size:.1f}; {ratio:.0%}" for size, ratio in simulate(spreads, count))))
+        found = [("-" if np.isnan(size) else f"{size:.1f}", ratio) for size, ratio in simulate(spreads, count)]
+        rows.append((str(count), *(f"{size}; {ratio:.0%}" for size, ratio in found)))
     print(markdown(rows))
     return 0
 

@@ -3,8 +3,8 @@
     python experiments/sweep.py --config FILE[:SIZE] --workdir DIR --grid seed=0,1,2 --grid train.batch_size=64,128
 
 Any --config.KEY=VALUE is passed to every run. Each run has the workdir DIR/NAME and the log DIR/NAME.log. The same
-command continues an interrupted sweep and skips finished runs. At the end it prints a table with means over seeds and
-writes DIR/sweep.json.
+command continues an interrupted sweep and skips finished runs. At the end it prints a table of the validation scores of
+the best checkpoints, with means over seeds, and writes DIR/sweep.json.
 
 As a Slurm array: `N=$(python experiments/sweep.py ... --list | wc -l)`, then `sbatch --array=0-$((N-1))` of a script
 with the same command; each task trains one run, and the command without Slurm then gives the table.
@@ -59,8 +59,7 @@ def gather(runs: Sequence[Run]) -> dict[str, Any]:
         {"runs", "groups"} as JSON values.
     """
     rows = [
-        {"name": run.name, "settings": dict(run.changed), "finished": is_finished(run)} | _progress(run.workdir)
-        for run in runs
+        {"name": run.name, "settings": dict(run.changed), "finished": is_finished(run)} | _progress(run) for run in runs
     ]
     groups: dict[str, dict[str, Any]] = {}
     for row in rows:
@@ -114,16 +113,16 @@ def _train_all(runs: Sequence[Run], commands: dict[str, list[str]], workdir: pat
     return code
 
 
-def _progress(workdir: pathlib.Path) -> dict[str, Any]:
-    """Return the last step of a run and its last validation scores."""
-    path = workdir / METRICS
+def _progress(run: Run) -> dict[str, Any]:
+    """Return the last step of a run and the validation scores of its best checkpoint."""
+    path, best_by = run.workdir / METRICS, run.config.train.best_by
     lines = read_metrics(path) if path.is_file() else []
     scores = [
         {k.removeprefix(VALIDATION_PREFIX): v for k, v in line.items() if k.startswith(VALIDATION_PREFIX)}
         for line in lines
     ]
-    last = next((line for line in reversed(scores) if line), {})
-    return {"step": lines[-1]["step"] if lines else 0, "validation": last}
+    best = min((line for line in scores if best_by in line), key=lambda line: line[best_by], default={})
+    return {"step": lines[-1]["step"] if lines else 0, "validation": best}
 
 
 def _summary(settings: dict[str, str], scores: list[Scores]) -> dict[str, Any]:

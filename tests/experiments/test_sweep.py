@@ -24,7 +24,8 @@ if config.seed == 13:
     sys.exit("ha2g: an unlucky number")
 workdir.mkdir()
 score = config.train.learning_rate + config.seed
-lines = [{"step": 1, "validation/loss/huber": 9.0}, {"step": 2, "validation/loss/huber": score}, {"step": 2}]
+lines = [{"step": 1, "validation/loss/huber": 9.0}, {"step": 2, "validation/loss/huber": score}]
+lines += [{"step": 2, "validation/loss/huber": 10.0}]
 (workdir / "metrics.jsonl").write_text("".join(json.dumps(line) + "\\n" for line in lines))
 (workdir / "config.json").write_text(config.to_json())
 (workdir / "latest" / str(config.train.steps)).mkdir(parents=True)
