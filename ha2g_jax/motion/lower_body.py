@@ -40,7 +40,7 @@ class LowerBody:
 
     Attributes:
         offsets: (10, 3) metres from the parent in the T-pose of each of `JOINTS`, zero for the pelvis, and from the
-            pelvis to the joint `spine` of the skeletons.
+            pelvis to the joint `spine` of the skeletons on average, as the spine between them bends.
         rotations: (T, 9, 4) rotation of each joint in the world, none in the T-pose, as quaternions x, y, z, w.
         translation: (T, 3) position of the pelvis in metres, from the origin of the file.
     """

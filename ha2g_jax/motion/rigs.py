@@ -145,17 +145,33 @@ def retarget(animation: Animation, rig: Rig) -> Animation:
 
     Joints that carry a `ha2g` joint take its rotation in the world. Bones between joints that have the places of
     `ha2g` joints point in the same directions as there. So the positions of those joints relative to the chest are
-    the same where the rig takes the motion's bone lengths, except for the knuckles of rigs without bones in the palm,
-    whose hand is rigid, and for joints below a bone of the table's own length. The joints of the spine divide the
-    rotation of the chest, so that the chest moves a little. Where the armature has a pelvis and legs, the rig's
-    pelvis is at its place, which is not scaled to legs of another length. Otherwise hips and legs stay in the rest
-    pose and stand on the ground, y = 0.
+    the same where the rig takes the motion's bone lengths, except for the knuckles of rigs without bones in the
+    palm, whose hand is rigid, and for joints below a bone of the table's own length. The joints of the spine divide
+    the rotation of the chest, so that the chest moves a little; on a pelvis it is at its place on average. Where
+    the armature has a pelvis and legs, the rig's pelvis is at its place, which is not scaled to legs of another
+    length. Otherwise hips and legs stay in the rest pose and stand on the ground, y = 0.
 
     The armature of the result has the name of the rig; for "ha2g" the result is the animation itself.
     """
     if rig.name == animation.armature.name:
         return animation
-    return Transfer.between(animation.armature, rig).apply(animation)
+    found = Transfer.between(animation.armature, rig).apply(animation)
+    has_pelvis = animation.armature.joints[0] == PELVIS
+    return found if rig.has_own_lengths or not has_pelvis else _with_mean_chest(found, animation)
+
+
+def _with_mean_chest(found: Animation, animation: Animation) -> Animation:
+    """Move the chest of a rig, below joints that divide its rotation, to where it is in an animation on average.
+
+    The offset of the chest from the pelvis in the `ha2g` armature is that of the bent spine, and the rig bends it.
+    """
+    armature, chest = found.armature, places(found.armature)["spine"]
+    turned, at = world(found)
+    true = world(animation)[1][:, animation.armature.joint("spine")]
+    back = rotations.conjugate(turned[:, armature.parents[chest]])
+    offsets = armature.offsets.copy()
+    offsets[chest] += rotations.rotate(back, true - at[:, chest]).mean(axis=0)
+    return dataclasses.replace(found, armature=dataclasses.replace(armature, offsets=offsets))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,13 +1,15 @@
 """Tables of rigs hold the names and rest poses of their programs, and the motion on them is the motion."""
 
+import dataclasses
 import itertools
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ha2g_jax.motion import rigs, rotations
-from ha2g_jax.motion.armature import Animation, ha2g_armature, world
+from ha2g_jax.motion import lower_body, rigs, rotations
+from ha2g_jax.motion.armature import Animation, add_lower_body, ha2g_armature, world
+from ha2g_jax.motion.lower_body import LowerBody
 from ha2g_jax.motion.rigs import retarget
 from ha2g_jax.skeleton import load_skeleton
 
@@ -52,6 +54,22 @@ def test_a_table_names_joints_of_ours_and_has_each_after_its_parent(name):
     lower = {"pelvis", *(f"{side}_{part}" for side in SIDES for part in ("hip", "knee", "ankle", "foot"))}
     ours = {*ha2g_armature(load_skeleton("ted_expressive")).joints, *lower}
     assert {joint.carries for joint in rig.joints} | {joint.place for joint in rig.joints} <= ours | {None}
+
+
+@pytest.mark.parametrize("name", [name for name in PROGRAMS if not rigs.load_rig(name).has_own_lengths])
+def test_the_chest_of_a_person_who_leans_is_in_its_place(name):
+    """The joints of the spine bend the offset of the chest, which is already that of the bent spine."""
+    rest = np.tile(rotations.IDENTITY, (3, len(lower_body.JOINTS), 1))
+    offsets = np.array([[0, 0, 0], *[[0.1, -0.4, 0], [0, -0.4, 0], [0, -0.4, 0], [0, 0, 0.1]] * 2, [0, 0.25, 0.15]])
+    upright = make_animation(size=0, frames=3)
+    lean = Rotation.from_euler("x", [[20], [30], [40]], degrees=True).as_quat()
+    leaning = dataclasses.replace(upright, rotations=np.concatenate([lean[:, None], upright.rotations[:, 1:]], axis=1))
+    ours = add_lower_body(leaning, LowerBody(offsets, rest, np.zeros((3, 3))))
+    theirs = retarget(ours, rigs.load_rig(name))
+    where = rigs.places(theirs.armature)
+    found, true = (world(each)[1] for each in (theirs, ours))
+    away = found[:, where["neck"]] - true[:, ours.armature.joint("neck")]
+    assert np.linalg.norm(away.mean(axis=0)) < 0.004 and np.linalg.norm(away, axis=-1).max() < 0.03
 
 
 @pytest.mark.parametrize("name", PROGRAMS)

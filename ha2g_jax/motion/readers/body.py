@@ -275,16 +275,16 @@ def from_captured(positions: np.ndarray, rotations: np.ndarray, spine: np.ndarra
     return LowerBody(offsets.astype(np.float32), quaternions.astype(np.float32), positions[:, 0].astype(np.float32))
 
 
-def from_rest_pose(rest: np.ndarray, spine: np.ndarray, rotations: np.ndarray, pelvis: np.ndarray) -> LowerBody:
+def from_rest_pose(rest: np.ndarray, rotations: np.ndarray, pelvis: np.ndarray, spine: np.ndarray) -> LowerBody:
     """Return the lower body of a file whose rest pose is the T-pose, as that of SMPL-X is.
 
     Args:
         rest: (9, 3) metres of `lower_body.JOINTS` in the T-pose.
-        spine: (3,) metres of the joint `spine` in the T-pose.
         rotations: (T, 9, 3, 3) rotations of the joints in the world, none in the T-pose.
-        pelvis: (T, 3) metres of the pelvis.
+        pelvis, spine: (T, 3) metres of the pelvis and of the joint `spine` of the skeleton.
     """
-    offsets = np.array([*(rest[joint] - rest[max(parent, 0)] for joint, parent in enumerate(PARENTS)), spine - rest[0]])
+    chest = _mean_offset(Rotation.from_matrix(rotations[:, 0]), spine - pelvis)
+    offsets = np.array([*(rest[joint] - rest[max(parent, 0)] for joint, parent in enumerate(PARENTS)), chest])
     quaternions = np.stack([Rotation.from_matrix(rotations[:, i]).as_quat() for i in range(len(JOINTS))], axis=1)
     return LowerBody(offsets.astype(np.float32), quaternions.astype(np.float32), pelvis.astype(np.float32))
 

@@ -129,9 +129,9 @@ def to_motion(arrays: SmplxArrays, skeleton: Skeleton, body: Body, *, fps: float
         to_export = axes * export_axes(skeleton)
         lower = from_rest_pose(
             rest[_LOWER],
-            rest[JOINTS.index(_CHEST)],
             np.stack([to_export.T @ rotations[joint].as_matrix() for joint in _LOWER], axis=1),
             points[:, 0] @ to_export,
+            points[:, JOINTS.index(_CHEST)] @ to_export,
         )
         jaw = _between(frames[:, JOINTS.index("jaw")], moments)
         if jaw.any():

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion.formats import export
@@ -180,6 +181,19 @@ def test_files_that_are_no_motion_are_refused_in_one_line(tmp_path, name):
         _read(tmp_path, **arrays)
     assert str(error.value).count(str(tmp_path / "a.npz")) == 1
     assert "\n" not in str(error.value)
+
+
+def test_the_chest_above_the_pelvis_is_that_of_the_bent_spine(tmp_path):
+    poses, bend = np.zeros((4, 55, 3)), 0.2
+    spine = [JOINTS.index(name) for name in ("spine1", "spine2", "spine3")]
+    poses[:, spine[:2], 0] = bend
+    np.savez(tmp_path / "a.npz", poses=poses.reshape(4, -1), mocap_frame_rate=30)
+    lower = read_smplx(tmp_path / "a.npz", EXPRESSIVE, BODY, fps=30).lower
+    assert lower is not None
+    first, second, third = BODY.points[spine] - BODY.points[0]
+    turned = Rotation.from_euler("x", [[bend], [2 * bend]])
+    expected = first + turned[0].apply(second - first) + turned[1].apply(third - second)
+    np.testing.assert_allclose(lower.offsets[-1], expected, atol=1e-4)
 
 
 def test_a_file_without_frame_rate_asks_for_it(tmp_path):
