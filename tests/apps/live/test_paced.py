@@ -97,7 +97,8 @@ def test_long_pieces_of_the_other_are_heard_whole():
 
 
 def test_a_second_run_goes_on_where_the_first_ended():
-    stream, shown = Standin(), []
+    stream: Any = Standin()
+    shown = []
 
     async def show(number, frame):
         assert frame == number
