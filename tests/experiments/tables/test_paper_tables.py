@@ -42,7 +42,10 @@ def test_rows_of_equal_inputs_say_that_they_are_not_the_paper_s():
     *others, last = table(EQUAL, "talk", "small").rows
     assert (last.name, last.changes) == ("HA2G", {})
     assert all(row.name.endswith(", equal inputs and size") and row.published == Published() for row in others)
-    for data, size, expected in [("video", "small", "give --data talk"), ("talk", "paper", "medium, small, study, debug")]:
+    for data, size, expected in [
+        ("video", "small", "give --data talk"),
+        ("talk", "paper", "medium, small, study, debug"),
+    ]:
         with pytest.raises(UserError, match=expected):
             table(EQUAL, data, size)
 
