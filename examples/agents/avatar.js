@@ -8,7 +8,7 @@
 
 const RETRY_MILLISECONDS = 1000;
 const REFUSAL_MILLISECONDS = 3000; // a source that hears another sender closes the connection within this time
-const STALE_MILLISECONDS = 10000;
+const STALE_MILLISECONDS = 10000; // after which a message that waits for the first connection is not sent
 const UPPER_BODY = /^(Spine|Neck|Head$|(Left|Right)(Shoulder|Arm|ForeArm|Hand))/; // TalkingHead moves the rest
 
 /** Opens a WebSocket, and again whenever it is closed; `begin` is called with each. */

@@ -146,10 +146,11 @@ def crops(video: pathlib.Path, wanted: Sequence[tuple[int, Box]], size: int) -> 
         numbers.setdefault(frame, []).append(number)
     images: dict[int, np.ndarray] = {}
     with open_video(video) as container:
+        ratio = pixel_ratio(container)
         for index, frame in enumerate(decode(video, container)):
             if index not in numbers:
                 continue
-            image = upright(frame, pixel_ratio(container))
+            image = upright(frame, ratio)
             for number in numbers[index]:
                 left, top, side = wanted[number][1]
                 square = image.crop((left, top, left + side, top + side))

@@ -80,8 +80,9 @@ def _drawn_images(video: pathlib.Path, image_points: np.ndarray, confidence: np.
     """Yield the images of the video with the skeleton, at most 1280 pixels long and with even sides for H.264."""
     skeleton = load_skeleton("ted_expressive")
     with open_video(video) as container:
+        ratio = pixel_ratio(container)
         for frame, points, certainty in zip(decode(video, container), image_points, confidence, strict=True):
-            image = upright(frame, pixel_ratio(container))
+            image = upright(frame, ratio)
             scale = min(1.0, _LONGEST_SIDE / max(image.size))
             width, height = (max(2, 2 * round(side * scale / 2)) for side in image.size)
             scaled = points * (np.array([width, height]) / image.size)

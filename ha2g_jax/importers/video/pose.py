@@ -89,8 +89,9 @@ def _estimate_with_holistic(video: pathlib.Path, out: pathlib.Path) -> Keypoints
     ):
         assert process.stdin is not None
         with contextlib.suppress(BrokenPipeError), process.stdin:  # the estimator died; the reason is in its output
+            ratio = pixel_ratio(container)
             for frame in decode(video, container):
-                image = upright(frame, pixel_ratio(container))
+                image = upright(frame, ratio)
                 is_empty = False
                 process.stdin.write(struct.pack("<2I", *image.size))
                 process.stdin.write(image.tobytes())

@@ -63,8 +63,8 @@ _TRANS = ("trans", "transl")
 _RATES = ("mocap_frame_rate", "mocap_framerate", "fps", "frame_rate")
 _EXPRESSIONS, _ARKIT = ("expressions", "expression"), ("arkit",)
 _MAX_VALUE = 1e4  # radians or metres
-_MANY_TURNS = 4 * np.pi  # radians of a rotation that most files do not have in any joint
-_FARTHEST = 1000.0  # metres
+_MANY_TURNS = 4 * np.pi  # radians of the largest rotation in most frames, beyond which they are no radians
+_FARTHEST = 1000.0  # metres that a person moves along an axis in a recording
 
 # First joint and number of joints of each part, by the names that it may have.
 _PARTS = {
@@ -170,7 +170,7 @@ def to_arrays(
     arrays = _held(from_seamless(arrays))
     if has_poses(arrays):
         name, frames = _poses(arrays)
-        if np.quantile(np.linalg.norm(frames, axis=-1).max(axis=1), 0.5) > _MANY_TURNS:
+        if np.median(np.linalg.norm(frames, axis=-1).max(axis=1)) > _MANY_TURNS:
             raise UserError(f"{name} holds rotations of many turns, such as those in degrees; expected radians")
     else:
         name = next((name for name in POSITIONS if name in arrays), "")
@@ -262,7 +262,8 @@ def _rate(arrays: Mapping[str, np.ndarray]) -> float:
 def read_shape(arrays: Mapping[str, np.ndarray]) -> np.ndarray:
     """Return the shape coefficients (n,), those of the first frame if a file has them for each frame."""
     betas = arrays.get(_BETAS, np.zeros(0))
-    betas = betas[0] if betas.ndim == 2 and len(betas) else betas.ravel() if not betas.size else betas
+    if betas.ndim == 2:
+        betas = betas[0] if len(betas) else np.zeros(0)
     if betas.ndim != 1:
         raise UserError(f"{_BETAS} has shape {betas.shape}; expected a list of shape coefficients")
     return _checked(betas[None], _BETAS)[0]
