@@ -224,12 +224,12 @@ def to_motion(
         world, rotations = world_motion(bvh, fps or bvh.fps, [*found, *(legs.values() if with_legs else ())])
         positions = np.zeros((len(world), skeleton.num_joints, 3))
         positions[:, [skeleton.joint(joint) for joint in own]] = world[:, : len(own)]
-        is_own = _rests_on_rig(bvh, names.name, places, skeleton)
+        up = names.up or find_up(positions, skeleton)
+        is_own = up == "y" and _rests_on_rig(bvh, names.name, places, skeleton)  # another program may turn the root
         if not is_own:
             _check_sides(bvh, positions, fps or bvh.fps, skeleton, legs)
         unit = _find_unit(positions, skeleton, unit or names.unit)
         positions *= unit
-        up = names.up or ("y" if is_own else find_up(positions, skeleton))
         axes = np.diag(export_axes(skeleton)) if is_own else mean_heading(positions, skeleton, up=up)
         if len(face) < len(shown_face) and is_own:
             positions = add_rest_face(positions, rotations[len(own)], skeleton)

@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion import formats, rotations, solver
 from ha2g_jax.motion.armature import Animation, carriers, export_axes, ha2g_armature, world
+from ha2g_jax.motion.formats import bvh
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.readers import read_motion
 from ha2g_jax.motion.readers.body import FACE
@@ -115,6 +116,20 @@ def test_every_rig_in_every_unit_and_with_any_names(rig, suffix, unit, affix, wr
     found = read_motion(path, unit=None if unit in FOUND else UNITS[unit])
     assert found.meta["read_from"]["unit"] == UNITS[unit]
     check_joints(found, read_motion(files["own"]), rig)
+
+
+@pytest.mark.parametrize("rig", ["ha2g", "mixamo"])
+def test_a_root_that_another_program_turned_to_z_up(rig, files, tmp_path):
+    """The rest pose is that of our files, but the person would lie on the back if y were up."""
+    own = read_motion(files["own"])
+    animation = retarget(solver.animate(own), load_rig(rig))
+    animation.rotations[:, 0] = rotations.multiply(
+        rotations.about(np.array([1.0, 0, 0]), np.pi / 2), animation.rotations[:, 0]
+    )
+    bvh.write(tmp_path / "x.bvh", animation)
+    found = read_motion(tmp_path / "x.bvh")
+    assert found.meta["read_from"]["up"] == "z"
+    assert np.sum(found.directions * own.directions, axis=-1).mean() > 0.95
 
 
 @pytest.mark.parametrize("suffix", TREES)
