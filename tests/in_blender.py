@@ -134,12 +134,42 @@ settings = bpy.context.scene.ha2g
 settings.motion, settings.sound, settings.start = str(folder / "motion.glb"), str(folder / "tone.wav"), 3
 results["panel"] = list(bpy.ops.ha2g.make_figure())
 results["panel_scene"] = positions(range(12), 3)
-results["panel_sounds"] = [sound.name for sound in bpy.data.sounds]
-settings.motion = str(folder / "missing.glb")
-try:
-    bpy.ops.ha2g.apply_motion()
-except RuntimeError as error:
-    results["panel_error"] = str(error)
+figure = bpy.context.object
+bpy.ops.ha2g.apply_motion()
+results["panel_sounds"] = [strip.sound.name for strip in scene._strips(bpy.context.scene)]
+settings.start, settings.keep_rate = 20, True
+bpy.ops.ha2g.make_figure()
+results["panel_frames"] = [bpy.context.scene.frame_start, bpy.context.scene.frame_end]
+
+
+def panel_error(operator, **changes) -> str:
+    """What the panel says; it adds nothing to the file."""
+    before = len(bpy.data.objects), len(bpy.data.actions)
+    for name, value in changes.items():
+        setattr(settings, name, value)
+    try:
+        operator()
+    except RuntimeError as error:
+        return str(error) if before == (len(bpy.data.objects), len(bpy.data.actions)) else "something was added"
+    return "no error"
+
+
+bpy.context.view_layer.objects.active = figure
+data = figure.animation_data
+data.nla_tracks.new().strips.new("motion", 3, data.action)
+data.action = None
+data.use_tweak_mode = True
+errors = {"tweak": panel_error(bpy.ops.ha2g.apply_motion)}
+data.use_tweak_mode = False
+errors["frames"] = panel_error(bpy.ops.ha2g.make_figure, start=scene.MAX_FRAME)
+errors["missing"] = panel_error(bpy.ops.ha2g.apply_motion, start=0, motion=str(folder / "missing.glb"))
+with bpy.data.libraries.load(str(folder / "scene.blend"), link=True) as (found, linked):
+    linked.objects = found.objects
+armature = next(thing for thing in linked.objects if thing.type == "ARMATURE")
+bpy.context.scene.collection.objects.link(armature)
+bpy.context.view_layer.objects.active = armature
+errors["linked"] = panel_error(bpy.ops.ha2g.apply_motion, motion=str(folder / "motion.glb"))
+results["panel_errors"] = errors
 ha2g_motion.unregister()
 results["is_unregistered"] = not hasattr(bpy.types.Scene, "ha2g")
 

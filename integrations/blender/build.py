@@ -84,8 +84,6 @@ def bone_names() -> dict[str, dict[str, tuple[str, float]]]:
 
     tables = {}
     for name in rigs.RIGS:
-        if name == rigs.OWN:  # has the names of the joints
-            continue
         rows = [joint for joint in rigs.load_rig(name).joints if _is_upper(joint.carries)]
         tables[name] = {joint.name: (str(joint.carries), joint.weight) for joint in rows}
     return tables | {name: _rows(*patterns) for name, patterns in _OTHERS.items()}

@@ -10,7 +10,7 @@ from . import checks, rotations
 from .motion import Motion, from_local
 
 _METRES = 0.01
-_MAX_BYTES, _MAX_HEAD = 1 << 26, 1 << 20
+_MAX_HEAD = 1 << 20
 _BLOCK = 1 << 20  # bytes of numbers that are parsed together
 _TIMES = re.compile(rb"\s*Frames:\s*(\d{1,9})\s+Frame\s+Time:\s*(\S{1,40})")
 _AXES = {"X": np.array([1.0, 0.0, 0.0]), "Y": np.array([0.0, 1.0, 0.0]), "Z": np.array([0.0, 0.0, 1.0])}
@@ -22,7 +22,7 @@ def read(path: pathlib.Path) -> Motion:
     Raises:
         ValueError: the file is not a valid BVH.
     """
-    head, found, body = checks.read_bytes(path, _MAX_BYTES).partition(b"MOTION")
+    head, found, body = path.read_bytes().partition(b"MOTION")
     times = _TIMES.match(body)
     if not found or times is None or len(head) > _MAX_HEAD:
         raise ValueError("no MOTION section with the number of frames and their time")

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 import bpy
 import numpy as np
 
-from . import armatures, bone_names, fitting
-from .motion import Motion
+from . import armatures, bone_names, checks, fitting
+from .motion import Motion, MotionError
 
 _LINEAR = bpy.types.Keyframe.bl_rna.properties["interpolation"].enum_items["LINEAR"].value
 
@@ -57,8 +57,13 @@ def apply_motion(
         Joint and weight by bone, as they were used.
 
     Raises:
-        MotionError: the names do not fit.
+        MotionError: the names do not fit, or the armature cannot have another action.
     """
+    what = checks.shown(armature.name)
+    if armature.library is not None:  # Blender would not store the action
+        raise MotionError(f"{what} is linked from another file; make a library override of it first")
+    if armature.animation_data is not None and armature.animation_data.use_tweak_mode:
+        raise MotionError(f"{what} is in tweak mode of the NLA; leave it (Tab) first")
     armatures.follow_keys(armature)
     target = armatures.target_of(armature)
     held = armatures.held_bones(armature)

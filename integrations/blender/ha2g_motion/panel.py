@@ -23,10 +23,12 @@ class Ha2gSettings(bpy.types.PropertyGroup):
         subtype="FILE_PATH",
     )
     start: bpy.props.IntProperty(  # pyright: ignore[reportInvalidTypeForm]
-        name="Start", description="Frame of the first pose", default=0, min=0
+        name="Start", description="Frame of the first pose", default=0, min=0, max=scene.MAX_FRAME
     )
     keep_rate: bpy.props.BoolProperty(  # pyright: ignore[reportInvalidTypeForm]
-        name="Keep scene's frame rate", description="Otherwise the scene takes that of the motion", default=False
+        name="Keep scene's frame rate",
+        description="And its frames. Otherwise the scene takes those of the motion",
+        default=False,
     )
 
 
@@ -109,8 +111,9 @@ def _load(motion: Motion, armature: bpy.types.Object | None, stage: bpy.types.Sc
     sound = pathlib.Path(bpy.path.abspath(settings.sound)) if settings.sound else None
     if sound:
         scene.check_sound(sound)
-    # The armature comes first: if its names do not fit, nothing else has changed.
     rate = scene.rate(stage) if settings.keep_rate else motion.fps
+    scene.last_frame(motion, settings.start, rate)
+    # The armature comes first: if its names do not fit, nothing else has changed.
     if armature is None:
         text = f"{keys.make_figure(motion, start=settings.start, rate=rate).name}: {len(motion.joints)} bones"
     else:

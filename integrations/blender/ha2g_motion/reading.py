@@ -14,7 +14,7 @@ from .motion import Motion, MotionError, from_local
 
 SUFFIXES = (".glb", ".vrma", ".bvh", ".json", ".npz")
 
-_MAX_BYTES = 1 << 26  # of a table; half an hour at 30 frames per second is better read from a .glb
+_MAX_TEXT = 1 << 26  # bytes of a .bvh or .json
 _MAX_GROUPS = 4_000_000  # objects and lists of a table, each of which takes a hundred bytes
 
 # By these Python answers a tree of values of any kind where another was expected.
@@ -40,6 +40,8 @@ def read_motion(path: str | pathlib.Path) -> Motion:
     try:
         if not path.is_file():
             raise MotionError(f"no motion at {checks.shown(path)}; give a file of ha2g export")
+        if suffix in (".bvh", ".json") and path.stat().st_size > _MAX_TEXT:
+            raise MotionError(f"{checks.shown(path)} is larger than {_MAX_TEXT >> 20} MiB; export the motion as .glb")
         return readers[suffix](path)
     except (*_UNEXPECTED, OSError, struct.error) as error:
         what = f"{checks.shown(path)} is not a motion ({checks.reason(error)})"
@@ -52,7 +54,7 @@ def read_json(path: pathlib.Path) -> Motion:
     Raises:
         ValueError and others: the file does not hold such a table.
     """
-    content = checks.read_bytes(path, _MAX_BYTES)
+    content = path.read_bytes()
     if content.count(b"[") + content.count(b"{") > _MAX_GROUPS:
         raise ValueError(f"more than {_MAX_GROUPS} objects and lists")
     table = json.loads(content.decode("utf-8-sig"))

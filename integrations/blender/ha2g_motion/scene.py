@@ -72,24 +72,37 @@ def rate(scene: bpy.types.Scene) -> float:
     return scene.render.fps / scene.render.fps_base
 
 
+def last_frame(motion: Motion, start: int, rate: float) -> int:
+    """Return the last frame of a motion that begins at a frame of a scene.
+
+    Raises:
+        MotionError: a scene cannot have these frames.
+    """
+    end = max(start, start + round(motion.num_frames / motion.fps * rate) - 1)
+    if not 0 <= start <= end <= MAX_FRAME:
+        raise MotionError(f"frames {start} to {end}, and a scene has 0 to {MAX_FRAME}; give another first frame")
+    return end
+
+
 def set_time(scene: bpy.types.Scene, motion: Motion, *, start: int = 0, keep_rate: bool = False) -> None:
-    """Set the length of a scene, and its frames per second, to those of a motion.
+    """Set the frames of a scene, and its frames per second, to those of a motion.
 
     Args:
         scene: scene to change.
         motion: motion with the length and the frame rate.
         start: frame of the first pose.
-        keep_rate: whether to keep the frames per second of the scene.
+        keep_rate: whether to keep the frames per second of the scene; its own frames are then kept too, so that the
+            rest of a shot stays in it.
 
     Raises:
         MotionError: a scene cannot have these frames.
     """
-    if not keep_rate:
-        scene.render.fps = math.ceil(motion.fps)
-        scene.render.fps_base = math.ceil(motion.fps) / motion.fps
-    end = max(start, start + round(motion.num_frames / motion.fps * rate(scene)) - 1)
-    if not 0 <= start <= end <= MAX_FRAME:
-        raise MotionError(f"frames {start} to {end}, and a scene has 0 to {MAX_FRAME}; give another first frame")
+    end = last_frame(motion, start, rate(scene) if keep_rate else motion.fps)
+    if keep_rate:
+        scene.frame_start, scene.frame_end = min(start, scene.frame_start), max(end, scene.frame_end)
+        return
+    scene.render.fps = math.ceil(motion.fps)
+    scene.render.fps_base = math.ceil(motion.fps) / motion.fps
     scene.frame_start, scene.frame_end = start, end
 
 
@@ -108,7 +121,7 @@ def check_sound(path: pathlib.Path) -> None:
 
 
 def add_sound(scene: bpy.types.Scene, path: pathlib.Path, start: int = 0) -> None:
-    """Add the speech to the sequencer of a scene, and synchronise playback with it.
+    """Add the speech to the sequencer of a scene, unless it is there, and synchronise playback with it.
 
     Args:
         scene: scene to change.
@@ -120,9 +133,12 @@ def add_sound(scene: bpy.types.Scene, path: pathlib.Path, start: int = 0) -> Non
     """
     check_sound(path)
     strips = _strips(scene)
+    scene.sync_mode = "AUDIO_SYNC"
+    there = [strip for strip in strips if strip.type == "SOUND" and strip.frame_start == start]
+    if any(pathlib.Path(bpy.path.abspath(strip.sound.filepath)).resolve() == path.resolve() for strip in there):
+        return
     channel = 1 + max((strip.channel for strip in strips), default=0)
     strips.new_sound(path.stem, str(path.resolve()), channel, start)
-    scene.sync_mode = "AUDIO_SYNC"
 
 
 def _strips(scene: bpy.types.Scene) -> bpy.types.bpy_prop_collection:
