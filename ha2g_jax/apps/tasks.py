@@ -61,8 +61,8 @@ def plan(
         if folder is not None and folder.suffix.lower() in SUFFIXES and not folder.is_dir():
             raise UserError(f"{shown(folder)} would be a folder, for several files; name their format with --format")
         tasks = [Task(path, _gestures(path, folder, suffix)) for path in find_speech(inputs)]
-        for target in {task.paths[0].parent for task in tasks}:
-            _check_writable(target)
+    for target in {task.paths[0].parent for task in tasks}:
+        _check_writable(target)
     if len(seeds) > 1:
         tasks = [Task(task.speech, _take_paths(task.paths, seeds)) for task in tasks]
     results = [path for task in tasks for path in task.paths]

@@ -82,11 +82,12 @@ def fetch(name: str) -> pathlib.Path:
 def publish(folder: pathlib.Path, card: str, name: str, *, is_private: bool, message: str) -> str:
     """Publish a model folder, with the text of its card, as one commit; create the repository if it does not exist.
 
-    The name is OWNER/NAME or OWNER/NAME@BRANCH; that of the published model, with its commit, is returned.
+    The name is OWNER/NAME or, of a branch that exists, OWNER/NAME@BRANCH; that of the published model, with its commit,
+    is returned.
 
     Raises:
-        UserError: the name has another form, the extra hub is not installed, the token of the user is missing or does
-            not allow it, or the Hub cannot be reached.
+        UserError: the name has another form, the extra hub is not installed, the repository is public but should be
+            private, the token of the user is missing or does not allow it, or the Hub cannot be reached.
     """
     repository, branch = parse_name(name)
     library = _library()
@@ -94,7 +95,10 @@ def publish(folder: pathlib.Path, card: str, name: str, *, is_private: bool, mes
     contents = {file: folder / file for file in FILES} | {"README.md": card.encode()}
     operations = [library.CommitOperationAdd(path_in_repo=path, path_or_fileobj=it) for path, it in contents.items()]
     with _blame(name):
-        api.create_repo(repository, private=is_private, exist_ok=True)
+        if branch is None:
+            api.create_repo(repository, private=is_private, exist_ok=True)
+        if is_private and not api.repo_info(repository).private:
+            raise UserError(f"{shown(name)} exists and is public; leave --private out, or choose another name")
         done = api.create_commit(repository, operations, commit_message=message, revision=branch)
     return f"{PREFIX}{repository}@{done.oid}"
 

@@ -43,6 +43,8 @@ def publish(
 ) -> str:
     """Publish a model as one commit on the Hub, and return the name to load it by, hf://OWNER/NAME@COMMIT.
 
+    The weights are stored as by `model_folder.save`; card and commit name the hash of what is published.
+
     Args:
         name: OWNER/NAME, or OWNER/NAME@BRANCH for an existing branch other than main.
         licence: licence of the model, as the Hub names it, such as apache-2.0.
@@ -51,7 +53,7 @@ def publish(
     Raises:
         UserError: there is no model, the scores cannot be read, the licence has another form, or see `hub.publish`.
     """
-    repository, _ = hub.parse_name(name)
+    hub.parse_name(name)
     if not _LICENCE.fullmatch(licence):
         raise UserError(
             f"'{shown(licence)}' is not the name of a licence; expected one such as apache-2.0 or cc-by-4.0"
@@ -61,20 +63,22 @@ def publish(
     with tempfile.TemporaryDirectory() as temporary:
         folder = model_folder.save(pathlib.Path(temporary) / "model", model.config, model.assets, model.variables)
         hashes = {file: file_sha256(folder / file) for file in hub.FILES}
-        card = write_card(model, repository, licence, hashes, table)
+        model = model._replace(assets=model_folder.read_description(folder)[1])
+        card = write_card(model, name.removeprefix(hub.PREFIX), licence, hashes, table)
         return hub.publish(folder, card, name, is_private=is_private, message=f"Model {model.assets.hash}")
 
 
-def write_card(model: LoadedModel, repository: str, licence: str, hashes: dict[str, str], scores: str = "") -> str:
+def write_card(model: LoadedModel, name: str, licence: str, hashes: dict[str, str], scores: str = "") -> str:
     """Return the text of a model card: what the Hub reads, how to use the model, what it is, its scores and hashes.
 
-    The hashes are the SHA-256 of each file; the scores are Markdown, "" for none.
+    The name is OWNER/NAME or OWNER/NAME@BRANCH. The hashes are the SHA-256 of each file; the scores are Markdown, ""
+    for none.
     """
     spec, flat = model.spec, weights.flatten(model.variables)
     parameters = sum(leaf.size for path, leaf in flat.items() if path.startswith("params"))
     facts = {
         "method": spec.method,
-        "config": model.config.name,
+        "config": shown(model.config.name),
         "skeleton": f"{spec.skeleton.name}, {len(spec.skeleton.joints)} joints",
         "frames per second": spec.fps,
         "window": f"{spec.num_frames} frames, the first {spec.num_seed_frames} of them given",
@@ -87,10 +91,10 @@ def write_card(model: LoadedModel, repository: str, licence: str, hashes: dict[s
     parts = [
         f"---\nlicense: {licence.lower()}\nlibrary_name: ha2g-jax\n"
         "tags:\n- gesture-generation\n- speech\n- motion\n- jax\n---",
-        f"# {repository.partition('/')[2]}",
+        f"# {hub.parse_name(name)[0].partition('/')[2]}",
         "Speech in, gestures out: a model for ha2g-jax.",
         "```python\nimport ha2g_jax\n\n"
-        f'model = ha2g_jax.load("{hub.PREFIX}{repository}")  # add @COMMIT to pin these weights\n'
+        f'model = ha2g_jax.load("{hub.PREFIX}{name}")  # @COMMIT pins these weights\n'
         'model.generate("speech.wav").save("speech.npz")\n```',
         f"| | |\n|---|---|\n{rows}",
         f"## Scores\n\n{scores.strip()}" if scores else "## Scores\n\nNone were published with the model.",

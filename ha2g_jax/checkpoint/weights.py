@@ -29,7 +29,7 @@ def write(path: pathlib.Path, variables: dict[str, Any], *, is_exact: bool = Fal
     Float32 arrays are written without a copy in memory. With `is_exact` all are float32.
 
     Raises:
-        UserError: there are more weights than a model folder may have.
+        UserError: there are more weights than a model folder may have, or some are not finite.
         OSError: the file cannot be written.
     """
     arrays = _stored(variables, is_exact=is_exact)
@@ -38,6 +38,8 @@ def write(path: pathlib.Path, variables: dict[str, Any], *, is_exact: bool = Fal
             f"the weights take {size} bytes, expected at most {MAX_WEIGHTS_BYTES - MAX_HEADER_BYTES}: use a smaller "
             "model"
         )
+    if bad := next((name for name, array in arrays.items() if not np.isfinite(array).all()), None):
+        raise UserError(f"{bad} of the weights has values that are not finite; choose another model")
     try:
         safetensors.numpy.save_file(arrays, path)
     except safetensors.SafetensorError as error:  # instead of an OSError, such as that of a full disk

@@ -23,7 +23,7 @@ _SPEAKERS = {"model.identity.kind": "speakers"}  # of data without images
 
 # Kind of data -> skeleton, and changed settings.
 DATA: dict[str, tuple[str, Changes]] = {
-    # Windows start every 10 frames; with the jitter, training sees every possible start.
+    # Windows start every 10 frames at 15 fps; with the jitter, training sees every possible start.
     "talk": ("ted_expressive", {"data.path": "talk", "data.jitter": 9}),
     "ted_expressive": ("ted_expressive", _SPEAKERS),
     "ted_gesture": ("ted_gesture", _SPEAKERS),

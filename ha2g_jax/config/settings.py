@@ -127,7 +127,12 @@ SETTINGS = (
     Setting("train.clip_norm", 0.0, _WEIGHT, "largest norm of the gradient of a network; 0 for no limit"),
     Setting("train.ema", 0.0, below(1), "decay of the running average of the generator; 0 for no average"),
     Setting("train.dtype", "float32", one_of("float32", "bfloat16"), "type of activations; all else stays float32"),
-    Setting("train.accumulate", 1, whole(1), "parts of a batch, a divisor of its size: the same update in less memory"),
+    Setting(
+        "train.accumulate",
+        1,
+        whole(1),
+        "parts of a batch, a divisor of its part on a device: less memory, the same update but for dropout masks",
+    ),
     Setting("train.init_from", "", TEXT, 'model to start from: "demo", a folder, or hf://OWNER/NAME@REVISION'),
     Setting("train.warmup_epochs", 10, _COUNT, "epochs before the GAN term is used (D9)"),
     Setting("train.log_every", 50, whole(1), "steps between lines of metrics"),

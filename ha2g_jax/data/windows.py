@@ -244,10 +244,6 @@ class Windows:
             self._last_motion = number, motion
         return motion[start : start + self.num_frames]
 
-    def speakers(self) -> set[int]:
-        """Return the indices of the speakers of the split."""
-        return set(self._index.speakers.tolist())
-
     def reference_images(self, speaker: int, limit: int = 8) -> list[np.ndarray]:
         """Return the images (M, S, S, 3) uint8 of a speaker from each of at most `limit` clips."""
         images = []

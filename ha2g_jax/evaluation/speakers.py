@@ -6,6 +6,7 @@ from typing import Any
 from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.data.corpus import TALK
 from ha2g_jax.data.talk.speakers import Style, default_styles
+from ha2g_jax.files.reading import shown
 
 _NUMBERS = ("handedness", "amplitude", "mixing", "elbow")  # the most visible numbers of the style of Talk
 # Words for a number of the style below -`_CLEAR` and above it.
@@ -74,4 +75,4 @@ def speakers_as_table(rows: list[dict[str, Any]]) -> str:
 
 
 def _text(value: str | float) -> str:
-    return value if isinstance(value, str) else f"{value:+.2f}"
+    return shown(value) if isinstance(value, str) else f"{value:+.2f}"

@@ -1,4 +1,4 @@
-"""Initial values with the distributions of PyTorch's layers, drawn by NumPy on the host.
+"""Initial values with the distributions of PyTorch's kernels and GRUs, drawn by NumPy on the host.
 
 On a CPU, a program that draws each parameter with `jax.random` takes as long to compile as a training step. These
 initializers take a key and a shape as those of Flax do, but add only a host callback to the program.

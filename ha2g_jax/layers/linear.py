@@ -1,4 +1,4 @@
-"""Linear layers with the initial values of torch.nn.Linear."""
+"""Linear layers whose kernels start as those of torch.nn.Linear, and whose biases start at 0."""
 
 import functools
 

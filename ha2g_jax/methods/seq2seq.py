@@ -51,7 +51,7 @@ class SentenceEncoder(nn.Module):
         backward, layer 2 forward, ...): two layers start from both directions of the bottom layer. The top layer would
         be the natural choice; we follow the published comparisons.
         """
-        is_real = jnp.ones(x.shape[:2], bool)
+        is_real = None
         if x.ndim == 2:  # words
             is_real = x != 0
             spread = initializers.normal(self.embedding_dim**-0.5)
@@ -63,9 +63,10 @@ class SentenceEncoder(nn.Module):
         gru = BiGRU(self.hidden_dim, self.layers, self.dropout, name="gru")
         states = gru.states(x, is_real=is_real, train=train)
         forward, backward = states[-1]
+        words = forward + backward
         final = [state for forward, backward in states for state in (forward[:, -1], backward[:, 0])]
         return Sentence(
-            words=jnp.where(is_real[..., None], forward + backward, 0),
+            words=words if is_real is None else jnp.where(is_real[..., None], words, 0),
             states=jnp.stack(final[: self.layers], axis=1),
         )
 

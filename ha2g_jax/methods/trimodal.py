@@ -145,7 +145,7 @@ def run(
     train: bool = True,
     compute: Compute = FLOAT32,
 ) -> Run[Outputs, Constants]:
-    """Run the generator on one batch, with its own speakers and, in the same run, with a permutation of them.
+    """Run the generator on one batch, with its own speakers and, without a gradient, with a permutation of them.
 
     Each of the two has its own sample of the style, so that they differ even where a speaker stays in place.
     In evaluation mode the style is the mean, not a sample. See `Method.run`.
@@ -162,14 +162,13 @@ def run(
         z, other_z = z + deviation * noise[0], other_z + deviation[order] * noise[1]
     other_z = jax.lax.stop_gradient(other_z)
 
-    # Both runs of a clip are neighbours on the batch axis, so that no data moves between devices.
-    styles = jnp.stack([z, other_z], axis=1).reshape(2 * len(z), -1)
-    twice = jnp.repeat(features, 2, axis=0), styles, jnp.repeat(seed_pose, 2, axis=0)
-    (poses,), _ = apply(
-        spec.generator, variables, keys["dropout"], *twice, train=train, compute=compute, method=Trimodal.infer
-    )
-    pairs = poses.reshape(len(z), 2, *poses.shape[1:])
-    return Run(Outputs((pairs[:, 0],), mean, log_variance), Constants(pairs[:, 1], z, other_z), batch_stats)
+    def infer(variables: Variables, key: jax.Array, *clips: Any) -> tuple[jax.Array, ...]:
+        return apply(spec.generator, variables, key, *clips, train=train, compute=compute, method=Trimodal.infer)[0]
+
+    own_key, other_key = jax.random.split(keys["dropout"])
+    poses = infer(variables, own_key, features, z, seed_pose)
+    (other_poses,) = infer(*jax.lax.stop_gradient((variables, other_key, features, other_z, seed_pose)))
+    return Run(Outputs(poses, mean, log_variance), Constants(other_poses, z, other_z), batch_stats)
 
 
 def _encode(model: Trimodal, speech: dict[str, jax.Array], speaker: jax.Array, *, train: bool) -> Any:

@@ -31,7 +31,6 @@ EVENTS = "tensorboard"
 _WANDB_PATIENCE = 15.0  # seconds
 _STOP = "stop"
 _TOTAL = "loss/total"
-_RATIO = "gradient_ratio/"  # prefix of the names of metrics
 _NOTICEABLE = 5.0  # percent of time spent waiting from which the progress bar shows it
 
 
@@ -276,12 +275,7 @@ class StepLog:
     def _write(self, step: int) -> None:
         if not self._num_steps:
             return
-        # A ratio is computed only in the step of the line and is 0 in the others; the line before a failure has none.
-        line = {
-            name: value / (1 if name.startswith(_RATIO) else self._num_steps)
-            for name, value in self._sums.items()
-            if not name.startswith(_RATIO) or self._is_due(step)
-        }
+        line = {name: value / self._num_steps for name, value in self._sums.items()}
         if self._compile_seconds is not None and not self._is_compile_reported:
             line["compile_seconds"] = self._compile_seconds
             self._is_compile_reported = True

@@ -40,7 +40,6 @@ class Objective:
         warmup_steps: steps before the GAN term is used (D9); 0 from `build_objective`, which knows no epochs.
         average_decay: largest decay of the running average of the generator in a step; 0 for no average.
         compute: precision of the activations, and number of parts of a batch.
-        log_every, num_steps: metrics are written every `log_every` steps, and after the last of `num_steps`.
     """
 
     spec: Spec
@@ -54,8 +53,6 @@ class Objective:
     warmup_steps: int
     average_decay: float
     compute: Compute
-    log_every: int
-    num_steps: int
 
 
 def build_objective(
@@ -104,8 +101,6 @@ def build_objective(
         warmup_steps=0,
         average_decay=train.ema,
         compute=Compute(jnp.dtype(train.dtype), train.accumulate, is_available() if onednn is None else onednn),
-        log_every=train.log_every,
-        num_steps=train.steps,
     )
 
 

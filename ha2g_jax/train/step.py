@@ -63,12 +63,12 @@ def train_step(objective: Objective, state: TrainState, batch: Batch, key: jax.A
         "grad_norm/generator" (before clipping) and "learning_rate/generator"; with a discriminator also
         "loss/discriminator", "grad_norm/discriminator", "learning_rate/discriminator" and "gradient_ratio/gan": the
         norm of the weighted gradient of the GAN term with respect to the poses of the last level, divided by that of
-        the reconstruction term; 0 during warm-up and in steps without a line of metrics, see `Objective.log_every`.
+        the reconstruction term; 0 during warm-up.
     """
     spec = objective.spec
     keys = step_keys(spec, key, state.step)
     targets = subtract_mean(spec, batch["directions"])
-    is_warm = state.step >= objective.warmup_steps
+    has_gan = state.step >= objective.warmup_steps
 
     (outputs, constants, generator_stats), pull_back = run_generator(objective, state.generator, batch, keys)
     discriminator, discriminator_metrics = state.discriminator, {}
@@ -81,11 +81,9 @@ def train_step(objective: Objective, state: TrainState, batch: Batch, key: jax.A
             jax.lax.stop_gradient(outputs.poses[-1]),
             keys["discriminator"],
         )
-        discriminator = _where(is_warm, discriminator, state.discriminator)
+        discriminator = _where(has_gan, discriminator, state.discriminator)
 
-    cotangent, metrics = output_gradient(
-        objective, discriminator, outputs, constants, targets, keys["gan"], state.step, is_warm
-    )
+    cotangent, metrics = output_gradient(objective, discriminator, outputs, constants, targets, keys["gan"], has_gan)
     (gradient,) = pull_back(cotangent)
     generator = _update(state.generator, gradient, objective.generator_optimizer, state.step)
     generator = generator.replace(batch_stats=generator_stats)
@@ -188,14 +186,13 @@ def output_gradient(
     constants: Any,
     targets: jax.Array,
     key: jax.Array,
-    step: jax.Array,
-    is_warm: jax.Array,
+    has_gan: jax.Array,
 ) -> tuple[Any, Metrics]:
     """Return the gradient of the objective with respect to the outputs of the generator, and the metrics of its terms.
 
     The gradient of the GAN term is taken by itself and chained, so that its norm can be compared with that of the
-    reconstruction. The GAN term counts if `is_warm` () is true, after the warm-up. The other arguments are those of
-    `loss_terms`, in training mode.
+    reconstruction. The GAN term counts if `has_gan` () is true. The other arguments are those of `loss_terms`, in
+    training mode.
 
     Returns:
         The gradient, as `outputs`, and the metrics "loss/<term>", "loss/total" and, with a discriminator,
@@ -204,7 +201,7 @@ def output_gradient(
     spec, weights, method = objective.spec, objective.weights, method_of(objective.spec)
     gan = gan_gradient = None
     if discriminator is not None:
-        weights = weights._replace(gan=jnp.where(is_warm, weights.gan, 0.0))
+        weights = weights._replace(gan=jnp.where(has_gan, weights.gan, 0.0))
         gan, gan_gradient = jax.value_and_grad(_gan_term, argnums=2)(
             objective, discriminator, outputs.poses[-1], key, train=True
         )
@@ -225,14 +222,9 @@ def output_gradient(
         changed = outputs._replace(poses=(*outputs.poses[:-1], poses))
         return getattr(objective_of(changed, gan)[1], method.reconstruction_term)
 
-    def ratio() -> jax.Array:
-        norm = optax.tree.norm(jax.grad(reconstruction)(outputs.poses[-1]))
-        weight = getattr(weights, method.reconstruction_term)
-        return weights.gan * optax.tree.norm(gan_gradient) / jnp.maximum(weight * norm, _MIN_NORM)
-
-    is_logged = ((step + 1) % objective.log_every == 0) | (step + 1 == objective.num_steps)
-    metrics["gradient_ratio/gan"] = jax.lax.cond(is_logged, ratio, lambda: jnp.zeros((), jnp.float32))
-    return whole, metrics
+    norm = getattr(weights, method.reconstruction_term) * optax.tree.norm(jax.grad(reconstruction)(outputs.poses[-1]))
+    ratio = weights.gan * optax.tree.norm(gan_gradient) / jnp.maximum(norm, _MIN_NORM)
+    return whole, metrics | {"gradient_ratio/gan": ratio}
 
 
 def _loss_metrics(terms: Any, total: jax.Array) -> Metrics:

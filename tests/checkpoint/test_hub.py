@@ -1,5 +1,6 @@
 """A model goes to the Hub and comes back: pinned, checked, without a connection, and never from a damaged copy."""
 
+import json
 import pathlib
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 from fixtures.hub import serve as serve_hub
 
 from ha2g_jax import cli, synthesis
-from ha2g_jax.checkpoint import hub, model_folder
+from ha2g_jax.checkpoint import hub, model_folder, publishing, weights
 from ha2g_jax.errors import UserError
 
 DEMO = pathlib.Path(model_folder.__file__).parents[1] / "assets" / "demo"
@@ -28,8 +29,8 @@ def server(monkeypatch, tmp_path):
         yield server
 
 
-def publish(name):
-    return hub.publish(DEMO, "# card", name, is_private=False, message="Model")
+def publish(name, *, is_private=False):
+    return hub.publish(DEMO, "# card", name, is_private=is_private, message="Model")
 
 
 def test_published_models_are_loaded_by_name_and_commit(server, tmp_path, capsys):
@@ -48,6 +49,28 @@ def test_published_models_are_loaded_by_name_and_commit(server, tmp_path, capsys
     speech = np.random.default_rng(0).normal(0, 0.1, 32000).astype(np.float32)
     expected, found = (synthesis.load(name).generate(speech) for name in ("demo", pinned))
     np.testing.assert_array_equal(found.directions, expected.directions)
+
+
+def test_the_card_is_of_what_is_published(server, monkeypatch):
+    """Large weights are rounded to float16; those of a branch are loaded by its name."""
+    monkeypatch.setattr(weights, "_HALF_PRECISION_ABOVE", 1 << 20)
+    server.commits["ada/talker"] = {}
+    publishing.publish("demo", "hf://ada/talker@paper", "mit")
+    files = server.find("ada/talker", "main")[1]
+    found = json.loads(files["assets.json"])["hash"]
+    assert found != model_folder.load("demo").assets.hash
+    card = files["README.md"].decode()
+    assert found in card and '("hf://ada/talker@paper")' in card and "# talker\n" in card
+
+
+def test_nothing_is_published_where_it_was_not_meant_to_be(server):
+    with pytest.raises(UserError, match="no access to ada/new@paper"):
+        publish("ada/new@paper")
+    assert not server.commits
+    publish("ada/talker")
+    with pytest.raises(UserError, match="ada/talker exists and is public; leave --private out"):
+        publish("ada/talker", is_private=True)
+    assert len(server.commits["ada/talker"]) == 2  # that which made it, and the model
 
 
 def test_a_commit_stays_what_it_was_when_the_branch_moves(server):

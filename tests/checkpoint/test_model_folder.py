@@ -63,6 +63,13 @@ def test_nothing_is_overwritten(debug_model, folder):
     assert sorted(path.name for path in folder.parent.iterdir()) == ["model"]
 
 
+def test_weights_that_are_not_finite_are_not_written(debug_model, tmp_path):
+    variables = jax.tree.map(lambda leaf: np.full_like(leaf, np.nan), debug_model.variables)
+    with pytest.raises(UserError, match="of the weights has values that are not finite"):
+        model_folder.save(tmp_path / "model", debug_model.config, debug_model.assets, variables)
+    assert not (tmp_path / "model").exists()
+
+
 def _truncate(folder):
     weights = folder / "model.safetensors"
     weights.write_bytes(weights.read_bytes()[:-100])

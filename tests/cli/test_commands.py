@@ -18,6 +18,7 @@ import ha2g_jax
 from ha2g_jax import cli
 from ha2g_jax.cli import generate
 from ha2g_jax.data.talk.speakers import default_styles
+from ha2g_jax.evaluation.speakers import speakers_as_table
 from ha2g_jax.files.writing import whole_file
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import load_skeleton
@@ -111,6 +112,14 @@ def test_speakers_of_another_model_have_names_only(debug_folder, capsys):
     assert json.loads(capsys.readouterr().out) == [{"name": "ada"}, {"name": "ben"}]
     assert cli.main(["speakers", "--checkpoint", str(debug_folder)]) == 0
     assert "nothing about how they move" in capsys.readouterr().out
+
+
+def test_names_of_speakers_are_shown_as_printable_text():
+    """A model of another person may have any names."""
+    text = speakers_as_table([{"name": "\x1b[31mred"}, {"name": "a\nb"}, {"name": "x" * 5000}])
+    lines = text.splitlines()[:4]
+    assert [line[:9] for line in lines] == ["name", "\\x1b[31mr", "a\\nb", "x" * 9]
+    assert len(lines[3]) < 210
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129)])

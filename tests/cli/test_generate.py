@@ -35,6 +35,13 @@ def generate(*arguments) -> int:
     return cli.main(["generate", *map(str, arguments)])
 
 
+def test_a_folder_where_nothing_can_be_written_is_told_before_the_work(speech, tmp_path, monkeypatch):
+    monkeypatch.setattr("os.access", lambda path, mode: False)
+    for sounds in (speech, [speech, speech.parent]):
+        with pytest.raises(UserError, match=r"cannot write in .*give another folder with --out"):
+            plan(sounds, tmp_path / "out")
+
+
 def test_writes_motion_and_video(debug_folder, speech, tmp_path, capsys):
     out = tmp_path / "new" / "talk"
     assert generate(speech, "-o", out, "--checkpoint", debug_folder, "--speaker", "ada", "--fps", 24) == 0

@@ -167,8 +167,7 @@ def test_motion_and_images_decode_no_speech(corpus, count_decoding):
     windows = _val(corpus, image_size=32)
     motion = [windows.directions(index) for index in range(len(windows))]
     assert count_decoding == {"audio": 0, "images": 0}
-    ada, ben = corpus.speakers.index("ada"), corpus.speakers.index("ben")
-    assert windows.speakers() == {ada, ben}
+    ada = corpus.speakers.index("ada")
     assert len(windows.reference_images(ada, limit=1)) == 1
     assert count_decoding == {"audio": 0, "images": 1}
     assert [images.shape for images in windows.reference_images(ada)] == [(4, 32, 32, 3)] * 2

@@ -251,7 +251,8 @@ def _in_parts(function: Any, count: int, key: jax.Array, clips: Any) -> Any:
     """Return `function(key, clips)`, computed for one part of the clips after the other.
 
     Intermediate results of a part are not kept, but computed again for the gradient. Part p has clips p, p + count, ...
-    As the clips of a device are neighbours, each part has equally many from every device, and no clip moves.
+    As the clips of a device are neighbours, each part has equally many from every device and no clip moves, if `count`
+    divides the clips of a device. Else a part is gathered on every device, which costs the memory that parts save.
     """
 
     def part(_: None, inputs: Any) -> tuple[None, Any]:
