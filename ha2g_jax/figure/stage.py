@@ -12,9 +12,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw
 
 from ha2g_jax.figure import DEFAULT_VIEW, View, outline
+from ha2g_jax.figure.lettering import font_for
 from ha2g_jax.figure.shapes import Colour, Look, light_behind
 from ha2g_jax.skeleton import Skeleton
 
@@ -175,10 +176,10 @@ def _write_name(canvas: Image.Image, name: str, panel: Panel, view: View, strip:
     scale, spine = view.place(panel.width, panel.height)
     x, y = 2 * (panel.left + spine[0]), 2 * (panel.top + spine[1] + view.top * scale) - strip
     width = 4 * min(spine[0], panel.width - spine[0]) - strip
-    fonts = (ImageFont.load_default(scale * 1.2 * strip) for scale in _NAME_SCALES)
+    fonts = (font_for(name, scale * 1.2 * strip) for scale in _NAME_SCALES)
     font = next((font for font in fonts if font.getlength(name) <= width), None)
     if font is None:
-        font = ImageFont.load_default(_NAME_SCALES[-1] * 1.2 * strip)
+        font = font_for(name, _NAME_SCALES[-1] * 1.2 * strip)
         while font.getlength(name) > width:
             name = name[:-1]
     ImageDraw.Draw(canvas).text((x, y), name, fill=round(to_yuv(_INK)[0]), font=font, anchor="mm")

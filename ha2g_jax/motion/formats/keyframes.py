@@ -8,11 +8,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Word
 from ha2g_jax.figure import DEFAULT_LOOK, Colour, View, draw_figure, fit, outline
+from ha2g_jax.figure.lettering import font_for
 from ha2g_jax.figure.shapes import shade, to_hex
 from ha2g_jax.files.writing import whole_file
 from ha2g_jax.motion.motion import Motion
@@ -180,7 +181,7 @@ def _words_near(words: Sequence[Word], times: Sequence[float], column: int) -> l
 
 def _lines(words: Sequence[Word], width: float, letter: float) -> Iterator[list[Word]]:
     """Break words into lines of a width in pixels; words that do not fit in three lines are left out."""
-    font = ImageFont.load_default(letter)
+    font = font_for("".join(word.text for word in words), letter)
     row: list[Word] = []
     rows = 0
     for word in words:
@@ -201,8 +202,9 @@ def _as_png(page: _Page) -> bytes:
         image.paste(Image.fromarray(pixels), (x, y))
     pen = ImageDraw.Draw(image)
     for text in page.texts:
-        font = ImageFont.load_default(text.size)
-        width = font.getlength(" ".join(word for word, _ in text.words))
+        line = " ".join(word for word, _ in text.words)
+        font = font_for(line, text.size)
+        width = font.getlength(line)
         x = text.x - width / 2 if text.anchor == "middle" else text.x
         for word, colour in text.words:
             pen.text((x, text.y), word, fill=colour, font=font, anchor="ls")
