@@ -2,6 +2,7 @@
 
 import functools
 
+import numpy as np
 from PIL import ImageFont
 
 # Fonts of Linux, macOS and Windows that have the letters of many languages.
@@ -27,7 +28,11 @@ def _find(letters: frozenset[str]) -> str | None:
             font = ImageFont.truetype(name)
         except OSError:  # this computer does not have it
             continue
-        box = bytes(font.getmask(_NO_LETTER))
-        if all(bytes(font.getmask(letter)) != box for letter in letters):
+        box = _pixels(font, _NO_LETTER)
+        if not any(np.array_equal(_pixels(font, letter), box) for letter in letters):
             return name
     return None
+
+
+def _pixels(font: ImageFont.FreeTypeFont, text: str) -> np.ndarray:
+    return np.asarray(font.getmask(text))

@@ -162,13 +162,15 @@ def run(
         z, other_z = z + deviation * noise[0], other_z + deviation[order] * noise[1]
     other_z = jax.lax.stop_gradient(other_z)
 
-    def infer(variables: Variables, key: jax.Array, *clips: Any) -> tuple[jax.Array, ...]:
-        return apply(spec.generator, variables, key, *clips, train=train, compute=compute, method=Trimodal.infer)[0]
+    def infer(variables: Variables, key: jax.Array, *clips: Any) -> jax.Array:
+        options: dict[str, Any] = {"train": train, "compute": compute, "method": Trimodal.infer}
+        (poses,), _ = apply(spec.generator, variables, key, *clips, **options)
+        return poses
 
     own_key, other_key = jax.random.split(keys["dropout"])
     poses = infer(variables, own_key, features, z, seed_pose)
-    (other_poses,) = infer(*jax.lax.stop_gradient((variables, other_key, features, other_z, seed_pose)))
-    return Run(Outputs(poses, mean, log_variance), Constants(other_poses, z, other_z), batch_stats)
+    other_poses = infer(*jax.lax.stop_gradient((variables, other_key, features, other_z, seed_pose)))
+    return Run(Outputs((poses,), mean, log_variance), Constants(other_poses, z, other_z), batch_stats)
 
 
 def _encode(model: Trimodal, speech: dict[str, jax.Array], speaker: jax.Array, *, train: bool) -> Any:
