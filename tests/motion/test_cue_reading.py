@@ -49,6 +49,29 @@ def test_a_cue_alone_in_a_subtitle_peaks_at_its_beginning_without_a_gap_behind_i
     assert (wave.name, wave.time) == ("wave", 1) and 5 < (nod.time or 0) < 7
 
 
+@pytest.mark.parametrize("line", ["<i>[wave]</i>", "[wave] [Music]", "BOB: [wave]", "{\\an8}[wave]"])
+def test_a_cue_is_alone_beside_tags_sounds_and_a_label(line, tmp_path):
+    text = "1\n00:00:01,000 --> 00:00:05,000\nBOB: well\n\n2\n00:00:05,000 --> 00:00:07,000\n{}\n\n"
+    text += "3\n00:00:07,000 --> 00:00:09,000\nBOB: hello <i>you</i>\n"
+    (tmp_path / "a.srt").write_text(text.format(line))
+    (wave,) = reading.read_cues(tmp_path / "a.srt")
+    assert wave.time == 5
+
+
+def test_the_beginning_of_a_subtitle_is_that_of_its_own_cues_alone(tmp_path):
+    (tmp_path / "a.srt").write_text(
+        "1\n00:00:00,000 --> 00:00:04,000\n[nod]\n\n2\n00:00:01,000 --> 00:00:03,000\nhello there [wave] friend\n"
+    )
+    nod, wave = sorted(reading.read_cues(tmp_path / "a.srt"), key=lambda cue: cue.name)
+    assert nod.time == 0 and 2 < (wave.time or 0) < 3
+
+
+def test_a_cue_where_nothing_is_spoken_is_refused(tmp_path):
+    (tmp_path / "a.srt").write_text("1\n00:00:01,000 --> 00:00:05,000\n[nod] one (quietly [wave] here) you\n")
+    with pytest.raises(UserError, match=r"has the cue \[wave\] where nothing is spoken"):
+        reading.read_cues(tmp_path / "a.srt")
+
+
 def test_cues_in_subtitles_count_from_the_beginning_of_the_video(tmp_path, monkeypatch):
     """Its sound, from which a motion counts, begins two seconds later."""
     monkeypatch.setattr(reading, "sound_delay", lambda media: 2.0)

@@ -24,7 +24,8 @@ _ROLES = {
     "duration": "duration, dur, length, d duration",
     "text": "word, text, punctuated word, token, label, transcript, transcription, content, value, utterance, "
     "sentence, phrase, annotation, subtitle, caption, utf 8",
-    "speaker": "speaker, speaker id, speaker name, speaker label, speaker tag, participant, voice",
+    "speaker": "speaker, speaker id, speaker name, speaker label, speaker tag, participant, voice, channel, "
+    "channel label",
     "tier": "tier, tier name, type",
 }
 _RANKS = {name.strip(): (role, rank) for role, names in _ROLES.items() for rank, name in enumerate(names.split(","))}
@@ -42,11 +43,15 @@ _NAME_PART = re.compile(r"[A-Z]?[a-zµ]+|[A-Z]+(?![a-z])|[0-9]+")
 _BETWEEN_OBJECTS = re.compile(r"\}[ \t]*\n\s*\{")
 _MAX_ROW = 1 << 16
 # File, channel, start, duration and word of a line of NIST's CTM, and perhaps more.
-_CTM = re.compile(r"\S+ +\S+ +[0-9]+(?:\.[0-9]*)? +[0-9]+(?:\.[0-9]*)? +\S+(?: +\S+){0,3}")
+_NUMBER = r"(?:[0-9]+\.?[0-9]*|\.[0-9]+)"
+_CTM = re.compile(rf"\S+ +\S+ +{_NUMBER} +{_NUMBER} +\S+(?: +\S+){{0,3}}")
 _CTM_COLUMNS = "tier\tspeaker\tstart\tduration\tword"
 _ROUNDED = 0.011  # seconds by which a length and the difference of two times may differ
 # Speech has 5 to 25 letters a second; milliseconds read as seconds give a thousandth of that.
-_LEAST_LETTERS = 0.05
+_LEAST_LETTERS, _USUAL_LETTERS = 0.05, 12.0
+_SMALL_UNITS = (1e-3, 1e-6, 1e-7, 1e-9)  # seconds
+# An entry of the speech marks of AWS Polly; its start and end are bytes of the text.
+_SPEECH_MARK = {"time", "type", "value"}
 
 
 # Programs, the path to their words or segments, and the paths to values that are nested deeper. The parts of a path are
@@ -78,11 +83,13 @@ _DIALECTS: tuple[tuple[str, str, dict[str, str]], ...] = (
     ("Azure", "NBest.0.Words", {"start ticks": "Offset", "duration ticks": "Duration"}),
     ("YouTube", "events", {}),
     ("aeneas", "fragments", {"text": "lines"}),
-    ("Soniox, a list of words or segments", "", {}),
+    ("Soniox, Polly, edge-tts, a list of words or segments", "", {}),
 )
 # Keys of the words in a segment.
 _PARTS = ("words", "elements", "terms", "tokens", "segs")
-PROGRAMS = ", ".join(dict.fromkeys(["Montreal Forced Aligner", *(programs for programs, _, _ in _DIALECTS)]))
+PROGRAMS = ", ".join(
+    dict.fromkeys(["Montreal Forced Aligner", *(name for names, *_ in _DIALECTS for name in names.split(", "))])
+)
 
 
 @functools.lru_cache(1024)
@@ -131,12 +138,14 @@ def _stretch(values: Sequence[Any], columns: Mapping[str, tuple[int, float | Non
     start, end, duration = times.get("start"), times.get("end"), times.get("duration")
     if end is None and start is not None and duration is not None:
         end = start + duration
-    speaker = cells.get("speaker")
-    return Stretch(_text(cells.get("text", "")), start, end, str(speaker) if isinstance(speaker, str | int) else "")
+    speaker, text = cells.get("speaker"), cells.get("text")
+    return Stretch(
+        "" if text is None else _text(text), start, end, str(speaker) if isinstance(speaker, str | int) else ""
+    )
 
 
 def _in_seconds(stretches: Sequence[Stretch]) -> list[Stretch]:
-    """Convert times that can only be milliseconds: whole numbers that as seconds would make speech far too slow."""
+    """Convert times in a smaller unit: whole numbers that as seconds would make speech far too slow."""
     seconds = letters = 0.0
     for text, start, end, _ in with_ends(stretches):
         if start is not None and end is not None:
@@ -144,7 +153,8 @@ def _in_seconds(stretches: Sequence[Stretch]) -> list[Stretch]:
     times = [(one.start, one.end) for one in stretches]
     if not letters < _LEAST_LETTERS * seconds or any(time and not time.is_integer() for pair in times for time in pair):
         return [*stretches]
-    scaled = [[time if time is None else time / 1000 for time in pair] for pair in times]
+    unit = min(_SMALL_UNITS, key=lambda unit: abs(math.log(max(letters, 1.0) / (unit * seconds) / _USUAL_LETTERS)))
+    scaled = [[time if time is None else time * unit for time in pair] for pair in times]
     return [one._replace(start=start, end=end) for one, (start, end) in zip(stretches, scaled, strict=True)]
 
 
@@ -165,8 +175,8 @@ def parse_table(text: str, path: pathlib.Path) -> list[Tier]:
 
     The first line names the columns, in any order: start (or begin, time ...), end or duration, word (or text, label
     ...), and perhaps speaker and tier; without a word, each column of another name is a tier of words. A unit may stand
-    in the name, as in `start_ms` and `start (ms)`; without one, times are seconds, or milliseconds if they are whole
-    numbers at which speech would be far too slow. Without names the word is the last column, after start and end.
+    in the name, as in `start_ms` and `start (ms)`; without one, times are seconds, or in a smaller unit if they are
+    whole numbers at which speech would be far too slow. Without names the word is the last column, after start and end.
 
     Raises:
         UserError: a column is missing, or a row is damaged.
@@ -281,9 +291,11 @@ def parse_json_words(text: str, path: pathlib.Path) -> list[Tier]:
         content = parse_json(text if joined == text else f"[{joined}]")
         if isinstance(content, dict) and content.get("tiers"):
             return [Tier(name, _read(entries, {})) for name, entries in _tiers(content["tiers"])]
-        # OpenAI's service returns segments without words, and a separate list of words.
-        dialects = sorted(_DIALECTS, key=lambda one: one[1] == "segments" and not _under(content, "segments.words"))
-        for _, dialect, deeper in dialects:
+        # OpenAI's service returns segments without words, and a separate list of words; segments in a list may have
+        # no words, too.
+        last = {"segments"} if isinstance(content, dict) and not _under(content, "segments.words") else set[str]()
+        last |= {dialect for _, dialect, _ in _DIALECTS if dialect} if isinstance(content, list) else set()
+        for _, dialect, deeper in sorted(_DIALECTS, key=lambda one: one[1] in last):
             is_one = isinstance(content, dict) and not dialect
             stretches = _read([content] if is_one else _under(content, dialect), deeper)
             if any(one.start is not None for one in stretches):
@@ -335,6 +347,10 @@ def _read(
             )
         if not isinstance(entry, dict):
             continue
+        if entry.keys() >= _SPEECH_MARK:
+            if entry["type"] != "word":
+                continue
+            entry = {"start ms": entry["time"], "text": entry["value"]}
         for key, path in deeper.items():
             if found := _under(entry, path):
                 entry = {key: found[0] if len(found) == 1 else "\n".join(map(_text, found)), **entry}

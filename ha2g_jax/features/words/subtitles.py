@@ -49,7 +49,7 @@ def parse_subtitles(text: str, path: pathlib.Path) -> list[Tier]:
     if len(cues) < len(borders):
         num_unread = len(borders) - len(cues)
         _logger.warning("%s: %d of %d cues cannot be read; left out", shown(path), num_unread, len(borders))
-    if any(_INLINE_TIME.search(cue.text) for cue in cues):
+    if any(_INLINE_TIME.search(cue.text) for cue in cues) or _is_rolling(cues):
         return [Tier("", _timed_words(cues))]
     texts = [cue.text.replace("<u>", "").replace("</u>", "") for cue in cues]
     underlined = [_UNDERLINED.findall(cue.text) for cue in cues]
@@ -61,6 +61,16 @@ def parse_subtitles(text: str, path: pathlib.Path) -> list[Tier]:
     if 2 * repeated > sum(map(bool, underlined)):
         cues = [cue._replace(text=" ".join(words)) for cue, words in zip(cues, underlined, strict=True)]
     return [Tier("", cues)]
+
+
+def _is_rolling(cues: Sequence[Stretch]) -> bool:
+    """Return whether most cues begin with the last lines of the one before, as YouTube's do without times of words."""
+    lines = [[line for line in cue.text.split("\n") if line.strip()] for cue in cues]
+    rolled = [
+        any(after[:count] == before[-count:] for count in range(1, len(before) + 1))
+        for before, after in itertools.pairwise(lines)
+    ]
+    return len(rolled) > 1 and 2 * sum(rolled) > len(rolled)
 
 
 def _timed_words(cues: Sequence[Stretch]) -> list[Stretch]:

@@ -146,7 +146,7 @@ def _report(found: str, which: str, recorded: str | None) -> None:
 
 def _is_speech(stretch: Stretch) -> bool:
     label = stretch.text.strip()
-    return bool(label) and label.lower() not in _SILENCES and not _BRACKETED.fullmatch(label)
+    return bool(label) and label.lower() not in _SILENCES and not _BRACKETED.fullmatch(label) and label[0] not in "!%"
 
 
 def _without_words(name: str) -> str:
@@ -159,11 +159,11 @@ def _listed(names: Iterable[str]) -> str:
 
 def _word_tier(tiers: Sequence[Tier], path: pathlib.Path, is_chosen: bool, recorded: str | None) -> list[Stretch]:
     by_name: dict[str, Tier] = {}
-    for tier in tiers:
-        if tier.stretches:
-            by_name.setdefault(tier.name.strip().lower(), tier)
+    for tier in sorted(tiers, key=lambda tier: not tier.stretches):
+        by_name.setdefault(tier.name.strip().lower(), tier)
     if named := [by_name[name] for name in _WORD_NAMES if name in by_name]:
-        return named[0].stretches
+        return next((tier.stretches for tier in named if tier.stretches), [])
+    by_name = {name: tier for name, tier in by_name.items() if tier.stretches}
     alike = [tier for name, tier in by_name.items() if _IS_WORDS.search(name.replace("_", " "))]
     alike = alike or [tier for name, tier in by_name.items() if not _IS_PHONES.search(name)]
     names = _listed(tier.name for tier in (alike or tiers))

@@ -16,6 +16,7 @@ MAX_SECONDS = 360_000.0  # a hundred hours
 # Minimum time per letter; nobody speaks faster.
 _MIN_LETTER_SECONDS = 0.03
 _MIN_WORD_SECONDS = 1e-3
+_ROUNDED_SECONDS = 0.05
 _WORD_SECONDS, _LETTER_SECONDS = 0.3, 0.1
 
 _APOSTROPHES = str.maketrans(dict.fromkeys("’‘ʼ＇`", "'"))
@@ -82,8 +83,9 @@ def fill_gaps(
 ) -> list[Stretch]:
     """Give times to texts without times, in the gaps between their neighbours.
 
-    The gap is divided among a run of such texts by letters. If the gap plus the slack has less than 30 ms per letter,
-    or if the gap has no known end, the text was probably not spoken and is left out.
+    Texts are those of a file, with tags and labels. The gap is divided among a run of such texts by letters. If the gap
+    plus the slack has less than 30 ms per letter, or if the gap has no known end, the text was probably not spoken and
+    is left out.
 
     Args:
         start, end: start and end of the whole text in seconds, None if unknown.
@@ -102,9 +104,10 @@ def fill_gaps(
         after = runs[index + 1][0].start if index + 1 < len(runs) else end
         if before is None or after is None:
             continue
-        words = [word for stretch in run for word in split_words(stretch.text)]
-        if after - before + slack >= _MIN_LETTER_SECONDS * sum(map(num_letters, words)):
-            result += [Stretch(*word, run[0].speaker) for word in spread(words, before, max(before, after))]
+        texts = [stretch.text for stretch in run]
+        if after - before + slack >= _MIN_LETTER_SECONDS * sum(map(num_letters, texts)):
+            timed = spread(texts, before, max(before, after))
+            result += [Stretch(*text, stretch.speaker) for text, stretch in zip(timed, run, strict=True)]
     return result
 
 
@@ -122,13 +125,14 @@ def to_words(stretches: Iterable[Stretch], path: pathlib.Path) -> tuple[Word, ..
         Words with 0 <= start < end in seconds, each at least 1 ms long; stretches without times are left out.
 
     Raises:
-        UserError: a time is not finite or beyond 100 hours, a stretch ends before it starts, or there are too many
-            words.
+        UserError: a time is not finite or beyond 100 hours, a stretch ends before it starts by more than rounding, or
+            there are too many words.
     """
     words: list[Word] = []
     for text, start, end, _ in stretches:
         if start is None or end is None:
             continue
+        end = start if 0 < start - end < _ROUNDED_SECONDS else end
         # Written so that NaN fails.
         if not (-MAX_SECONDS <= start <= end <= MAX_SECONDS):
             raise UserError(

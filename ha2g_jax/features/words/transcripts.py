@@ -20,7 +20,7 @@ from ha2g_jax.features.words.textgrid import Tier, choose, parse_textgrid
 from ha2g_jax.features.words.timing import Stretch, inside, to_words
 from ha2g_jax.files.reading import folded, shown
 
-_LANGUAGE = re.compile(r"\.[a-z]{2,3}(?:-[a-zA-Z]{2,8})?")
+_LANGUAGE = re.compile(r"\.[a-z]{2,3}(?:-[a-zA-Z0-9]{2,8})?")
 
 _MOTION = re.compile(rb'frame,time,|\{\s*"axes":')  # as the tables of ha2g export begin
 
@@ -84,7 +84,12 @@ def words_of(
         words = _words(parse(text, file), chosen, file, duration, speaker)
         if media is not None and parse is parse_subtitles and (delay := sound_delay(media)):
             words = tuple(Word(word.text, word.start - delay, word.end - delay) for word in words)
-        return inside(words, duration)
+        if not (heard := inside(words, duration)):
+            raise UserError(
+                f"{shown(file)} has words from {words[0].start:.1f} to {words[-1].end:.1f} s and the recording lasts "
+                f"{duration:.1f} s; give the transcript of this recording"
+            )
+        return heard
     from ha2g_jax.features.words import alignment
 
     lines = [Stretch(line, number, number + 1) for number, line in enumerate(text.split("\n")) if line.strip()]
@@ -95,7 +100,8 @@ def words_of(
 def find(media: pathlib.Path, *, is_alone: bool = True) -> pathlib.Path | None:
     """Find the transcript of a recording in its folder.
 
-    The first match wins: a file with the recording's stem, or with that in other case; with the stem and a language, as
+    The first match wins: a file whose stem is the recording's name, such as talk.mp3.srt, or its stem, or one of these
+    in other case; with the stem and a language, as
     in `talk.en.vtt`; with the stem cut at its last dot, and so on; the only file called `words.*`, if no other
     recording is in the folder. A file with the stem of another recording, such as interview.ann.srt next to
     interview.bob.mp4, belongs only to that one.
@@ -121,7 +127,7 @@ def find(media: pathlib.Path, *, is_alone: bool = True) -> pathlib.Path | None:
         if path.suffix.lower() not in _PREFERENCE
         and (folded(path.stem) != folded(media.stem) or path.suffix.lower() == media.suffix.lower())
     } - {media.stem}
-    stem = media.stem
+    stem = media.name
     while stem:
         start, own = folded(stem), {path: folded(path.stem) for path in files if path.stem not in others}
         of_stem = [path for path in files if path.stem == stem] or [path for path in own if own[path] == start]

@@ -11,7 +11,9 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features import words as transcripts
 from ha2g_jax.features.media import sound_delay
 from ha2g_jax.features.words.encodings import read_text
+from ha2g_jax.features.words.labels import spoken
 from ha2g_jax.features.words.subtitles import parse_subtitles
+from ha2g_jax.features.words.timing import MAX_SECONDS
 from ha2g_jax.files.reading import naming, parse_json, shown
 from ha2g_jax.motion.cues.cue import CLIP, Cue, check_cue, check_name
 from ha2g_jax.skeleton import Skeleton
@@ -21,6 +23,7 @@ _EXPECTED = '{"cue": "nod", "time": 1.2}'
 # A note of a subtitle, such as [Music] or [door slams], is no marker.
 _MARKER = re.compile(r"\[(clip:[^\]\n]{1,200}|[a-z]+(?::[a-z0-9]+)*)\]")
 _PLACEHOLDER = "ha2gcue{}"
+_INLINE_TIME = re.compile(r"<[0-9][0-9:.]*>")
 _GAP = 0.25  # seconds between a cue in a subtitle and a word that is not its own
 
 
@@ -95,7 +98,9 @@ def _of_subtitles(text: str, path: pathlib.Path, media: pathlib.Path | None) -> 
     words = transcripts.parse_words(text, path) if places else ()
     if [found[index].text for index in places] != [word.text for word in words]:
         raise UserError(f"{shown(path)} has cues that are at no word; put each one right before a word")
-    alone = [] if "<" in spelled else _alone(spelled, path, placeholders)
+    if lost := placeholders.keys() - {word.text for word in found}:
+        raise UserError(f"{shown(path)} has the cue [{placeholders[min(lost)]}] where nothing is spoken; move it")
+    alone = [] if _INLINE_TIME.search(spelled) else _alone(spelled, path, placeholders)
     delay = 0.0 if media is None else sound_delay(media)
     starts = dict(zip(places, (word.start for word in words), strict=True))
     breaks = [index for index in range(1, len(found)) if found[index].start - found[index - 1].end >= _GAP]
@@ -104,19 +109,19 @@ def _of_subtitles(text: str, path: pathlib.Path, media: pathlib.Path | None) -> 
         for index in range(first, end):
             if (text := found[index].text) in placeholders:
                 near = [place for place in (*range(index, end), *range(index, first - 1, -1)) if place in starts]
-                own = [start for start, end in alone if start <= found[index].start < end]
+                own = [start for start, end, cues in alone if text in cues and start <= found[index].start < end]
                 start = own[0] if own else starts[near[0]] if near else found[index].start
                 cues.append(Cue(markers[placeholders[text]], max(start - delay, 0.0)))
     return tuple(cues)
 
 
-def _alone(text: str, path: pathlib.Path, placeholders: Container[str]) -> list[tuple[float, float]]:
-    """Return start and end of the subtitles that have cues and no word."""
-    cues = [(cue, transcripts.split_words(cue.text)) for tier in parse_subtitles(text, path) for cue in tier.stretches]
+def _alone(text: str, path: pathlib.Path, placeholders: Container[str]) -> list[tuple[float, float, list[str]]]:
+    """Return start, end and cues, as placeholders, of the subtitles that have cues and no word."""
+    parts = [part for tier in parse_subtitles(text, path) for part in spoken(tier.stretches, MAX_SECONDS)]
     return [
-        (cue.start, cue.end)
-        for cue, words in cues
-        if words and all(word in placeholders for word in words) and cue.start is not None and cue.end is not None
+        (part.start or 0.0, part.end or 0.0, cues)
+        for part in parts
+        if (cues := part.text.split()) and all(word in placeholders for word in cues)
     ]
 
 

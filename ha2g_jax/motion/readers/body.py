@@ -30,6 +30,7 @@ _FOOT = np.array([0.0, -0.36, 0.93])
 MIN_BONE = 1e-4
 """Metres between the two joints of a bone of a leg, below which it has no direction."""
 _FOOT_LENGTH = 0.14
+_KEEPS = 0.9  # cosine with its axis of a trunk that keeps to it; nobody leans as far for a whole recording
 _DOWN = np.array([0.0, -1.0, 0.0])
 
 
@@ -121,9 +122,18 @@ def _headings(positions: np.ndarray, skeleton: Skeleton, up: str) -> tuple[np.nd
 
 def find_up(positions: np.ndarray, skeleton: Skeleton) -> str:
     """Find the axis of `UPS` that points up: the one nearest to the mean direction from spine to neck."""
-    trunk = positions[:, skeleton.joint("neck")] - positions[:, skeleton.joint("spine")]
-    mean = trunk.mean(axis=0)
+    mean = _trunk(positions, skeleton)
     return max(UPS, key=lambda up: float(mean @ np.array(_UP_VECTORS[up])))
+
+
+def is_turned(positions: np.ndarray, skeleton: Skeleton, up: str) -> bool:
+    """Return whether the trunk keeps to another axis than y, as where another program turned the root of a file."""
+    return up != "y" and float(_trunk(positions, skeleton) @ np.array(_UP_VECTORS[up])) > _KEEPS
+
+
+def _trunk(positions: np.ndarray, skeleton: Skeleton) -> np.ndarray:
+    """Return the mean of the unit vectors (3,) from spine to neck."""
+    return unit(positions[:, skeleton.joint("neck")] - positions[:, skeleton.joint("spine")]).mean(axis=0)
 
 
 def _left(positions: np.ndarray, skeleton: Skeleton, up: str) -> tuple[np.ndarray, np.ndarray]:

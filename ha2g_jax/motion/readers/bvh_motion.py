@@ -28,6 +28,7 @@ from ha2g_jax.motion.readers.body import (
     find_up,
     from_captured,
     is_mirrored,
+    is_turned,
     mean_heading,
     to_skeleton_axes,
 )
@@ -225,7 +226,8 @@ def to_motion(
         positions = np.zeros((len(world), skeleton.num_joints, 3))
         positions[:, [skeleton.joint(joint) for joint in own]] = world[:, : len(own)]
         up = names.up or find_up(positions, skeleton)
-        is_own = up == "y" and _rests_on_rig(bvh, names.name, places, skeleton)  # another program may turn the root
+        is_own = _rests_on_rig(bvh, names.name, places, skeleton) and not is_turned(positions, skeleton, up)
+        up = "y" if is_own else up
         if not is_own:
             _check_sides(bvh, positions, fps or bvh.fps, skeleton, legs)
         unit = _find_unit(positions, skeleton, unit or names.unit)

@@ -46,6 +46,53 @@ def test_tags_sounds_and_labels_are_no_words_in_any_dialect(tmp_path, name):
     assert [word.text for word in read_words(tmp_path / name)] == ["hello", "yes", "at", "12", "30"]
 
 
+WORDS = [("hello", 0.1, 0.475), ("there", 0.5, 0.875)]
+BY_PROGRAM = {
+    "Polly": "\n".join(
+        [
+            '{"time":100,"type":"sentence","start":0,"end":12,"value":"Hello there."}',
+            '{"time":100,"type":"word","start":0,"end":5,"value":"Hello"}',
+            '{"time":100,"type":"viseme","value":"k"}',
+            '{"time":500,"type":"word","start":6,"end":11,"value":"there"}',
+        ]
+    ),
+    "edge-tts": "\n".join(
+        [
+            '{"type":"WordBoundary","offset":1000000,"duration":3750000,"text":"Hello"}',
+            '{"type":"WordBoundary","offset":5000000,"duration":3750000,"text":"there"}',
+        ]
+    ),
+    "segments, of which one has no words": json.dumps(
+        [
+            {"start": 0.1, "end": 0.475, "text": "Hello", "words": []},
+            {"start": 0.5, "end": 0.875, "text": "there", "words": [{"word": "there", "start": 0.5, "end": 0.875}]},
+        ]
+    ),
+    "a word without a text, and one that ends before it starts": json.dumps(
+        [
+            {"word": "hello", "start": 0.1, "end": 0.475},
+            {"word": None, "start": 0.475, "end": 0.5},
+            {"word": "there", "start": 0.5, "end": 0.49},
+        ]
+    ),
+}
+
+
+@pytest.mark.parametrize("program", BY_PROGRAM)
+def test_files_as_programs_write_them(tmp_path, program):
+    (tmp_path / "a.json").write_text(BY_PROGRAM[program])
+    words = read_words(tmp_path / "a.json")
+    assert [word.text for word in words] == [text for text, _, _ in WORDS]
+    assert [word.start for word in words] == pytest.approx([start for _, start, _ in WORDS], abs=0.002)
+
+
+def test_sounds_without_times_are_no_words(tmp_path):
+    """As whisperX and YouTube write what their aligner does not spell."""
+    words = [{"word": "[Music]"}, {"word": "hello", "start": 1.0, "end": 1.4}, {"word": "(laughs)"}]
+    (tmp_path / "a.json").write_text(json.dumps({"segments": [{"start": 0.0, "end": 3.0, "text": "", "words": words}]}))
+    assert [word.text for word in read_words(tmp_path / "a.json")] == ["hello"]
+
+
 @pytest.mark.parametrize(
     ("entries", "expected"),
     [

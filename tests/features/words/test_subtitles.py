@@ -60,6 +60,22 @@ def test_youtube(tmp_path):
     assert words[4].end == pytest.approx(4.7)
 
 
+def test_rolling_lines_are_read_once(tmp_path):
+    """YouTube's automatic captions as other programs convert them to SubRip, without times of words."""
+    lines = ["hello my friend", "how are you", "i am well"]
+    shown = [lines[:1], lines[:1], lines[:2], lines[1:2], lines[1:3], lines[2:]]
+    times = [(0.0, 2.0), (2.0, 2.01), (2.01, 4.0), (4.0, 4.01), (4.01, 6.0), (6.0, 6.01)]
+    clock = "00:00:{:06.3f}".format
+    text = "\n\n".join(
+        f"{number}\n{clock(start)} --> {clock(end)}\n".replace(".", ",") + "\n".join(rows)
+        for number, ((start, end), rows) in enumerate(zip(times, shown, strict=True), start=1)
+    )
+    (tmp_path / "a.srt").write_text(text)
+    words = transcripts.read_words(tmp_path / "a.srt")
+    assert [word.text for word in words] == " ".join(lines).split()
+    assert [word.start for word in words if word.text in ("hello", "how", "i")] == pytest.approx([0, 2.01, 4.01])
+
+
 def test_highlighted_words(tmp_path):
     """Whisper's --highlight_words repeats the line for each of its words."""
     path = tmp_path / "a.srt"

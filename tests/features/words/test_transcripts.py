@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import soundfile
 from fixtures.motions import swaying
-from fixtures.transcripts import FILES, GENTLE, LONG_GRID, SHORT_GRID, WORDS, check_words
+from fixtures.transcripts import FILES, GENTLE, LONG_GRID, SHORT_GRID, WORDS, check_words, text_grid
 from fixtures.videos import make_video
 
 from ha2g_jax import limits
@@ -90,6 +90,19 @@ HOSTILE = {
 }
 
 
+def test_a_silent_word_tier_is_not_replaced_by_another(tmp_path):
+    tiers = ("words", [(0, 4, "sil")]), ("gesture", [(0, 2, "stroke"), (2, 4, "hold")])
+    (tmp_path / "a.TextGrid").write_text(text_grid(*tiers))
+    with pytest.raises(UserError, match="has no words with times"):
+        transcripts.read_words(tmp_path / "a.TextGrid")
+
+
+def test_a_transcript_of_another_recording_is_refused(tmp_path):
+    (tmp_path / "a.tsv").write_text("start\tend\tword\n100\t100.5\thello\n101\t103\tthere\n")
+    with pytest.raises(UserError, match=r"a\.tsv has words from 100\.0 to 103\.0 s and the recording lasts 10\.0 s"):
+        transcripts.words_of(np.zeros(160_000, np.float32), tmp_path / "a.tsv", recognise=None)
+
+
 @pytest.mark.parametrize("name", HOSTILE)
 def test_hostile_files(tmp_path, name):
     """One line: the file, what was found, what to do."""
@@ -128,6 +141,8 @@ def test_a_gigabyte_is_not_read(tmp_path):
         (["A.B.tsv", "a.vtt"], "A.B.tsv"),  # in other case
         (["A.B.tsv", "a.b.vtt"], "a.b.vtt"),
         (["A.B.tsv", "A.B.wav"], "A.B.tsv"),
+        (["a.b.bvh.srt", "a.vtt"], "a.b.bvh.srt"),  # as whisper.cpp names its files
+        (["a.b.es-419.vtt", "a.vtt"], "a.b.es-419.vtt"),
         (["A.B.tsv", "A.B.bvh"], None),
         ([], None),
     ],
