@@ -12,6 +12,7 @@ with the same command; each task trains one run, and the command without Slurm t
 
 import argparse
 import json
+import math
 import os
 import pathlib
 import statistics
@@ -121,7 +122,11 @@ def _progress(run: Run) -> dict[str, Any]:
         {k.removeprefix(VALIDATION_PREFIX): v for k, v in line.items() if k.startswith(VALIDATION_PREFIX)}
         for line in lines
     ]
-    best = min((line for line in scores if best_by in line), key=lambda line: line[best_by], default={})
+    best = min(
+        (line for line in scores if math.isfinite(line.get(best_by, math.nan))),
+        key=lambda line: line[best_by],
+        default={},
+    )
     return {"step": lines[-1]["step"] if lines else 0, "validation": best}
 
 

@@ -119,7 +119,7 @@ def _parse(argv: list[str]) -> tuple[Any, Config]:
         raise UserError(f"unknown flag --{shown(error.flagname)}; see {argv[0]} --help") from error
     except (KeyError, AttributeError) as error:  # raised by ml_collections for a key that the config does not have
         raise UserError(f"unknown setting: {_one_line(error)}; see {argv[0]} --help") from error
-    except (flags.Error, TypeError, ValueError, ArithmeticError, RecursionError) as error:
+    except (flags.Error, TypeError, ValueError, ArithmeticError, IndexError, RecursionError) as error:
         raise UserError(_one_line(error)) from error
     if not values.workdir:
         raise UserError(f"--workdir is missing; see {argv[0]} --help")

@@ -44,7 +44,11 @@ def add_commands(commands: Any) -> None:
         "Check devices, versions, memory and data, and time one step of training; or describe the modules of a model, "
         "measure its speed, or measure the gradients of the terms of its objective."
     )
-    doctor.add_argument("--config", metavar="CONFIG", help=f"{CONFIG} (default: the smallest model)")
+    doctor.add_argument(
+        "--config",
+        metavar="CONFIG",
+        help=f"{CONFIG} (default: the smallest model); --config.NAME=VALUE changes a setting, as in ha2g train",
+    )
     kind = doctor.add_mutually_exclusive_group()
     kind.add_argument("--describe", action="store_true", help="print shapes and parameter counts of every module")
     kind.add_argument("--benchmark", action="store_true", help="measure the speed of training and generation")
@@ -98,8 +102,8 @@ def _doctor(arguments: argparse.Namespace) -> int:
     kind = next((name for name in options if getattr(arguments, name)), "")
     title = f"--{kind}" if kind else "a check of the machine"
     refuse_others(arguments, options.get(kind, ()), options["benchmark"], title)
-    spec = arguments.config or (kind and "talk:small")
-    config = launch.load_config(spec) if spec else None
+    spec = arguments.config or ((kind or arguments.overrides) and "talk:small")
+    config = launch.load_config(spec, arguments.overrides) if spec else None
 
     if arguments.describe:
         from ha2g_jax.train import describe

@@ -46,11 +46,11 @@ def one_of(*names: str) -> Range:
 
 
 def some_of(*names: str) -> Range:
-    """Return the range of a setting that is one or more of some names, in any order."""
+    """Return the range of a setting that is one or more of some names, each once, in any order."""
     one = one_of(*names)
     return Range(
         f"one or more of {', '.join(names)}",
-        lambda values: _is_list(values) and len(values) > 0 and all(map(one.contains, values)),
+        lambda values: _is_list(values) and 0 < len(values) == len({*values}) and all(map(one.contains, values)),
     )
 
 

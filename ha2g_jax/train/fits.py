@@ -12,12 +12,13 @@ from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.checkpoint.assets import STATISTICS, Assets
 from ha2g_jax.config import settings
 from ha2g_jax.config.settings import Config
-from ha2g_jax.data.corpus import Corpus
+from ha2g_jax.data.corpus import FILE, Corpus
 from ha2g_jax.errors import UserError, require
-from ha2g_jax.files.reading import reading, shown
+from ha2g_jax.files.reading import file_sha256, reading, shown
 from ha2g_jax.methods import METHODS, build
 from ha2g_jax.methods.method import Spec
 from ha2g_jax.skeleton import load_skeleton
+from ha2g_jax.train import run_record
 from ha2g_jax.train.sharding import check_batch_size
 
 # Settings that may differ from those that a workdir was made with, because they do not change the updates. A corpus may
@@ -151,7 +152,7 @@ def check_corpus(workdir: pathlib.Path, assets: Assets, corpus: Corpus) -> None:
     same = assets.vocabulary.words == corpus.vocabulary().words and all(
         np.array_equal(getattr(assets.skeleton, name), getattr(skeleton, name)) for name in STATISTICS
     )
-    if not same:
+    if not same or run_record.corpus_of(workdir) not in (None, file_sha256(corpus.path / FILE)):
         raise UserError(
             f"{shown(workdir)} was started on another corpus than {shown(corpus.path)}: set --config.data.path to "
             "the corpus of its start or choose another --workdir"

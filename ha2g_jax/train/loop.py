@@ -117,7 +117,7 @@ def _train(
         state, record = found or (sharding.replicate(mesh, fresh()), {})
     if config.train.init_from and not found and hosts.is_first():
         tqdm.tqdm.write(f"training starts from the weights of {config.train.init_from}", file=sys.stderr)
-    step, best_score = int(state.step), record.get("best_score", math.inf)
+    step, best_score = int(state.step), record.get("best_score", math.inf) if best.steps() else math.inf
     if step > num_steps:
         raise UserError(
             f"{shown(workdir)} is at step {step}, beyond config.train.steps, which is {num_steps}: set "

@@ -2,6 +2,7 @@
 
 import html
 import io
+import logging
 import os
 import pathlib
 from collections.abc import Sequence
@@ -12,8 +13,10 @@ import numpy as np
 from ha2g_jax.errors import UserError, require
 from ha2g_jax.files.reading import shown
 from ha2g_jax.files.writing import whole_file
-from ha2g_jax.train.runs import DAMAGED, Line, Run, as_table, find_workdirs, make_lines, read_runs
+from ha2g_jax.train.runs import Line, Run, as_table, find_workdirs, make_lines, read_runs
 from ha2g_jax.train.workdir import METRICS, VALIDATION_PREFIX, read_metrics
+
+_logger = logging.getLogger(__name__)
 
 SMOOTHING = 0.04  # width of the running mean as a fraction of the steps
 
@@ -56,9 +59,10 @@ def write_plot(
         raise UserError(f"the smoothing is {smoothing:g}; give a fraction of the steps from 0 to 1, such as 0.02")
     mpl = require("matplotlib", "report", by="a page of curves")
     runs = read_runs(path for folder in folders for path in find_workdirs(folder))
-    if all(run.state == DAMAGED for run in runs):
+    if not any(run.settings for run in runs):
         more = f" and {len(runs) - 1} more runs" if runs[1:] else ""
-        raise UserError(f"{shown(runs[0].path)}{more} cannot be read ({runs[0].reason}); name other runs")
+        why = runs[0].reason or "it has not begun"
+        raise UserError(f"{shown(runs[0].path)}{more} cannot be read ({why}); name other runs")
     width = smoothing * max(run.step for run in runs)
     # Fixed ids and no date, so that equal runs give equal files.
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "ha2g", "font.size": 9}):
@@ -128,9 +132,16 @@ def _draw(lines: Sequence[Line], width: float) -> Any:
 
 
 def _metrics(run: Run) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Return the steps and the values of the metrics of a run, without clocks and values that are not finite."""
+    """Return the steps and the values of the metrics of a run, without clocks and values that are not finite; none of a
+    run whose metrics are damaged, with a warning.
+    """
     points: dict[str, list[tuple[float, float]]] = {}
-    for row in read_metrics(run.path / METRICS) if (run.path / METRICS).is_file() else ():
+    try:
+        rows = read_metrics(run.path / METRICS) if (run.path / METRICS).is_file() else []
+    except UserError as error:
+        _logger.warning("%s; its curves are left out", error)
+        return {}
+    for row in rows:
         for name, value in row.items():
             if name not in _CLOCKS and np.isfinite(value):
                 points.setdefault(name, []).append((row["step"], value))

@@ -2,7 +2,6 @@
 
 import contextlib
 import datetime
-import hashlib
 import importlib.metadata
 import json
 import os
@@ -20,9 +19,9 @@ import jax
 from ha2g_jax.checkpoint import RUN
 from ha2g_jax.checkpoint.model_folder import config_to_json
 from ha2g_jax.config.settings import Config
-from ha2g_jax.data.corpus import Corpus
+from ha2g_jax.data.corpus import FILE, Corpus
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import read_json, reason, resolved, shown
+from ha2g_jax.files.reading import file_sha256, read_json, reason, resolved, shown
 from ha2g_jax.files.writing import write_text
 from ha2g_jax.layers.cpu.onednn.library import used_version
 from ha2g_jax.limits import MAX_RECORD_BYTES
@@ -43,7 +42,7 @@ def write(workdir: pathlib.Path, config: Config, step: int, corpus: Corpus) -> N
     Raises:
         UserError: the file cannot be written.
     """
-    record, dataset = _read(workdir), (corpus.path / "dataset.json").read_bytes()
+    record = _read(workdir)
     onednn = used_version()
     start = {
         "time": _now(),
@@ -56,9 +55,15 @@ def write(workdir: pathlib.Path, config: Config, step: int, corpus: Corpus) -> N
         "seeds": {"run": config.seed},
         "hardware": _hardware(),
         # dataset.json contains the hashes of all shards.
-        "corpus": {"path": str(resolved(corpus.path)), "sha256": hashlib.sha256(dataset).hexdigest()},
+        "corpus": {"path": str(resolved(corpus.path)), "sha256": file_sha256(corpus.path / FILE)},
     }
     _write(workdir, record | {"config": config_to_json(config), "starts": [*record["starts"], start]})
+
+
+def corpus_of(workdir: pathlib.Path) -> str | None:
+    """Return the SHA-256 of the description of the corpus of the last start, None if none is recorded."""
+    last = (_read(workdir)["starts"] or [{}])[-1]
+    return last.get("corpus", {}).get("sha256")
 
 
 @contextlib.contextmanager
@@ -103,8 +108,9 @@ def commit(package: pathlib.Path) -> str | None:
 
 
 def _read(workdir: pathlib.Path) -> dict[str, Any]:
-    path = workdir / RUN
-    record = read_json(path, "the record of a run", MAX_RECORD_BYTES) if path.exists() else {"starts": []}
+    path, record = workdir / RUN, None
+    with contextlib.suppress(UserError):  # damaged
+        record = read_json(path, "the record of a run", MAX_RECORD_BYTES) if path.exists() else {"starts": []}
     if not isinstance(record, dict) or not isinstance(record.get("starts"), list):
         raise UserError(f"{shown(path)} is not the record of a run; remove it, then the same command continues")
     return record

@@ -36,9 +36,9 @@ class Run(NamedTuple):
     Attributes:
         state: one of `STATES`.
         reason: reason why a run failed or is damaged, otherwise "" or a remark.
-        settings: dotted name of a setting -> its value; {} for a damaged run.
+        settings: dotted name of a setting -> its value; {} for a damaged run, and before the first step is prepared.
         step: last step that the run wrote metrics or a checkpoint for.
-        steps: number of steps of the whole run, None for a damaged run.
+        steps: number of steps of the whole run, None where there are no settings.
         best: least validation score of the metric that chooses the best checkpoint, None without any.
         changed: time of the last change of the metrics, or else of the workdir.
     """
@@ -121,6 +121,8 @@ def read_runs(workdirs: Iterable[pathlib.Path]) -> list[Run]:
 def _read_run(path: pathlib.Path, name: str) -> Run:
     file = path / METRICS if (path / METRICS).exists() else path
     changed = datetime.datetime.fromtimestamp(file.stat().st_mtime, datetime.UTC)
+    if not any((path / name).exists() for name in (CONFIG, RUN, METRICS, LATEST)):  # only the lock of a start
+        return Run(name, path, *_state(path, 0, 0), {}, 0, None, None, changed)
     try:
         settings = _flat(read_json(path / CONFIG, "the config of a run", MAX_CONFIG_BYTES))
         best_by, steps = settings["train.best_by"], settings["train.steps"]
@@ -172,7 +174,7 @@ def _checkpoints(folder: pathlib.Path) -> list[int]:
 
 
 def differing(runs: Sequence[Run]) -> list[str]:
-    """Return the settings in which runs differ, in the order of the configs; damaged runs are passed over."""
+    """Return the settings in which runs differ, in the order of the configs; runs without settings are passed over."""
     readable = [run.settings for run in runs if run.settings]
     names = dict.fromkeys(name for settings in readable for name in settings)
     return [name for name in names if len({_key(settings.get(name, _ABSENT)) for settings in readable}) > 1]
@@ -196,7 +198,7 @@ def short_names(names: Sequence[str]) -> dict[str, str]:
 
 
 def make_lines(runs: Sequence[Run]) -> list[Line]:
-    """Group runs into lines of a chart; damaged runs are passed over.
+    """Group runs into lines of a chart; runs without settings are passed over.
 
     Runs are one line if their configs differ in the seed and in nothing else. If two of them have the same seed, they
     differ in something that the config does not say, such as the code, and each run is a line.

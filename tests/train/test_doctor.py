@@ -71,6 +71,8 @@ def test_the_command_prints_aligned_lines_or_json_and_its_code_says_whether_all_
     wrong = [line for line in capsys.readouterr().out.splitlines() if line.startswith("wrong")]
     assert len(wrong) == 1 and "no corpus in /nowhere" in wrong[0]
     assert cli.main(["doctor", "--config", "missing.py"]) == 2
+    assert cli.main(["doctor", "--config", "talk:debug", "--config.data.path=nowhere", "--describe"]) == 0
+    assert cli.main(["doctor", "--config", "talk:debug", "--config.data.route=nowhere"]) == 2
 
 
 TROUBLES = {

@@ -151,12 +151,17 @@ def test_a_run_goes_on_with_its_settings_and_its_corpus_only(run, tiny_talk, con
     other = config_for(steps=6)
     shutil.copytree(tiny_talk, tmp_path / "other")
     edit(tmp_path / "other", lambda data: data["statistics"]["lengths"].reverse())
-    with other.unlocked():
-        other.data.path = str(tmp_path / "other")
+    shutil.copytree(tiny_talk, tmp_path / "same_words")
+    edit(tmp_path / "same_words", lambda data: data["splits"].update(val=data["splits"]["test"]))
+    validated_elsewhere = config_for(steps=6)
+    for config, folder in ((other, "other"), (validated_elsewhere, "same_words")):
+        with config.unlocked():
+            config.data.path = str(tmp_path / folder)
     for config, message in (
         (config_for(learning_rate=0.1), r"train\.learning_rate \(0\.0005 there, 0\.1 here\)"),
         (config_for(steps=4, log_every=3), r"is at step 5, beyond config\.train\.steps, which is 4"),
         (other, "was started on another corpus than"),
+        (validated_elsewhere, "was started on another corpus than"),
     ):
         with pytest.raises(UserError, match=message):
             loop.train(config, run)

@@ -12,6 +12,7 @@ from PIL import Image
 
 from ha2g_jax import cli
 from ha2g_jax.cli import train
+from ha2g_jax.errors import UserError
 from ha2g_jax.train import runs
 from ha2g_jax.train.plot import align_seeds, running_mean, write_plot
 from ha2g_jax.train.runs import common_differing, differing, find_workdirs, make_lines, read_runs, short_names
@@ -42,6 +43,24 @@ def test_states(make_run):
     with only_run(running):
         assert read(running).state == "running"
     assert read(running).state == "failed"
+
+
+def test_a_run_whose_networks_are_being_initialised_is_not_damaged(tmp_path):
+    (tmp_path / "run").mkdir()
+    with only_run(tmp_path / "run"):
+        assert read(tmp_path / "run").state == "running"
+    assert read(tmp_path / "run").state == "stopped"
+    with pytest.raises(UserError, match="cannot be read \\(it has not begun\\)"):
+        write_plot([tmp_path / "run"], tmp_path / "a.html")
+
+
+def test_a_run_with_damaged_metrics_is_left_out_of_the_curves(make_run, tmp_path, caplog):
+    pytest.importorskip("matplotlib")
+    folders = [make_run("a"), make_run("b")]
+    lines = (folders[1] / "metrics.jsonl").read_text().splitlines()
+    (folders[1] / "metrics.jsonl").write_text("\n".join(["garbage", *lines]))
+    write_plot(folders, tmp_path / "a.html")
+    assert "its curves are left out" in caplog.text
 
 
 def test_a_step_that_was_not_finite_fails_a_run_until_it_is_continued_beyond_it(make_run):
