@@ -93,10 +93,7 @@ def _run(argv: list[str], *, is_process: bool) -> int:
             from ha2g_jax import launch
 
             return launch.main(["ha2g train", *argv[1:]])
-        # The settings of a config are those of `ha2g train`, which argparse does not know.
-        overrides = [argument for argument in argv if argv[0] == "doctor" and argument.startswith("--config.")]
-        arguments = make_parser().parse_args([argument for argument in argv if argument not in overrides])
-        arguments.overrides = overrides
+        arguments = make_parser().parse_args(argv)
         if getattr(arguments, "out", None) is not None:
             check_out(arguments.out)
         code = arguments.run(arguments) or 0

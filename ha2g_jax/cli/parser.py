@@ -18,7 +18,10 @@ CONFIG = "a preset, such as talk:small or trimodal:talk:small, or FILE[:SIZE], a
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose commands report unknown arguments themselves, and not through the parser of `ha2g`."""
+    """A parser whose commands report unknown arguments themselves, and not through the parser of `ha2g`.
+
+    A command with a default for `overrides` takes settings of a config there, such as --config.train.steps=10.
+    """
 
     def parse_known_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> tuple[Any, list[str]]:  # type: ignore[override]
         """Parse arguments, all of which must be known; the names of the options among them are `given`."""
@@ -27,6 +30,9 @@ class Parser(argparse.ArgumentParser):
         names = [str(argument).partition("=")[0] for argument in args or ()]
         given = [[option for option in options if option == name] or self._longer(options, name) for name in names]
         values.given = getattr(values, "given", frozenset()) | {options[found[0]] for found in given if found}
+        if self.get_default("overrides") is not None:
+            values.overrides = [argument for argument in unknown if argument.startswith("--config.")]
+            unknown = [argument for argument in unknown if argument not in values.overrides]
         if unknown:
             self.error(f"unknown arguments: {' '.join(unknown)}; see {self.prog} --help")
         return values, unknown

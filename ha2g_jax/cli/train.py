@@ -77,7 +77,7 @@ def add_commands(commands: Any) -> None:
         "which takes minutes for each method (default: ted_expressive ted_gesture)",
     )
     doctor.add_argument("--json", action="store_true", help="print JSON instead of text")
-    doctor.set_defaults(run=_doctor)
+    doctor.set_defaults(run=_doctor, overrides=())
 
 
 def _runs(arguments: argparse.Namespace) -> None:
