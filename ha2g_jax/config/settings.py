@@ -6,13 +6,14 @@ are decisions where the paper is silent, see docs/model.md.
 """
 
 import reprlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple, TypeAlias
 
 import ml_collections
 
 from ha2g_jax.config.ranges import FLAG, POSITIVE, TEXT, Range, below, number, one_of, several, so_that, some_of, whole
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import shown
 from ha2g_jax.limits import (
     MAX_CHANNELS,
     MAX_IMAGE_SIZE,
@@ -287,6 +288,15 @@ def value_of(config: Config, name: str) -> Any:
     return value
 
 
+def _names(config: Config, prefix: str = "") -> Iterator[str]:
+    """Yield the dotted names of all settings of a config."""
+    for key, value in config.items():
+        if isinstance(value, ml_collections.ConfigDict):
+            yield from _names(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}"
+
+
 def from_json(values: Any) -> Config:
     """Return a stored config, locked; settings that are not stored have their defaults.
 
@@ -320,10 +330,11 @@ def check(config: Config, *, is_trained: bool = True) -> None:
     rows = [row for row in table(method) if is_trained or row.name.split(".")[0] not in TRAINING]
     for row in rows:
         _check(row.name, value_of(config, row.name), row.range)
-    known = {row.name for row in rows} | {f"loss.{method}.weights"}
-    for part in _CLOSED + (f"loss.{method}", f"loss.{method}.weights") * is_trained:
-        if unknown := [key for key in value_of(config, part) if f"{part}.{key}" not in known]:
-            raise UserError(f"unknown setting config.{part}.{reprlib.repr(unknown[0])}; `ha2g train --help` lists all")
+    known = {row.name for row in rows}
+    # The config of a model may have more settings, of an earlier version.
+    for name in _names(config):
+        if name not in known and (is_trained or name.rpartition(".")[0] in _CLOSED):
+            raise UserError(f"unknown setting config.{shown(name)}; `ha2g train --help` lists all")
     data, whisper = config.data, config.model.audio.whisper
     _check("data.num_seed_frames", data.num_seed_frames, whole(1, data.num_frames // 2))  # half of a window
     channels = so_that(_SIZE, "an even multiple of the heads", lambda size: size % whisper.heads == size % 2 == 0)

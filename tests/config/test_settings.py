@@ -56,7 +56,11 @@ def test_a_setting_that_is_missing_or_unknown_is_named(config):
     with pytest.raises(UserError, match=r"config\.loss\.ha2g\.weights\.kld is missing"):
         settings.check(config)
     config.loss.ha2g.weights.kld, config.loss.ha2g.weights.smoothness = 0.1, 1.0
-    with pytest.raises(UserError, match=r"unknown setting config\.loss\.ha2g\.weights\.'smoothness'"):
+    with pytest.raises(UserError, match=r"unknown setting config\.loss\.ha2g\.weights\.smoothness;"):
+        settings.check(config)
+    del config.loss.ha2g.weights["smoothness"]
+    config.train.stepz = 5  # in a config file
+    with pytest.raises(UserError, match=r"unknown setting config\.train\.stepz;"):
         settings.check(config)
     del config["loss"]
     settings.check(config, is_trained=False)
