@@ -49,8 +49,8 @@ def some_of(*names: str) -> Range:
     """Return the range of a setting that is one or more of some names, each once, in any order."""
     one = one_of(*names)
     return Range(
-        f"one or more of {', '.join(names)}",
-        lambda values: _is_list(values) and 0 < len(values) == len({*values}) and all(map(one.contains, values)),
+        f"one or more of {', '.join(names)}, each once",
+        lambda values: _is_list(values) and all(map(one.contains, values)) and 0 < len(values) == len({*values}),
     )
 
 

@@ -42,6 +42,8 @@ def test_the_settings_of_a_method_are_possible_and_all_that_its_config_has(metho
         ("data.num_seed_frames", 18, "a whole number from 1 to 17"),
         ("model.audio.resnet_se.channels", (8, 8, 18, 32), "the third a multiple of 4"),
         ("model.audio.whisper.heads", 5, "an even multiple of the heads"),
+        ("model.audio.levels", ("low", "low"), "one or more of low, mid, high, each once"),
+        ("model.audio.levels", (["low"],), "one or more of low, mid, high, each once"),
     ],
 )
 def test_a_value_that_is_not_possible_is_named_with_what_is(config, name, value, expected):
