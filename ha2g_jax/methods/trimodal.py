@@ -17,7 +17,7 @@ from ha2g_jax.methods import networks
 from ha2g_jax.methods.adversarial import Discriminator
 from ha2g_jax.methods.ha2g.losses import huber, kld, style
 from ha2g_jax.methods.method import FLOAT32, Batch, Compute, Run, Spec, Variables, generator_arguments, make_spec
-from ha2g_jax.methods.networks import apply, audio_encoder, identity_encoder, speech_features, text_encoder
+from ha2g_jax.methods.networks import apply, audio_encoder, identity_encoder, infer_both, speech_features, text_encoder
 from ha2g_jax.skeleton import Skeleton
 
 
@@ -162,14 +162,8 @@ def run(
         z, other_z = z + deviation * noise[0], other_z + deviation[order] * noise[1]
     other_z = jax.lax.stop_gradient(other_z)
 
-    def infer(variables: Variables, key: jax.Array, *clips: Any) -> jax.Array:
-        options: dict[str, Any] = {"train": train, "compute": compute, "method": Trimodal.infer}
-        (poses,), _ = apply(spec.generator, variables, key, *clips, **options)
-        return poses
-
-    own_key, other_key = jax.random.split(keys["dropout"])
-    poses = infer(variables, own_key, features, z, seed_pose)
-    other_poses = infer(*jax.lax.stop_gradient((variables, other_key, features, other_z, seed_pose)))
+    clips = (features, z, other_z, seed_pose)
+    (poses,), other_poses = infer_both(spec, variables, keys["dropout"], *clips, train=train, compute=compute)
     return Run(Outputs((poses,), mean, log_variance), Constants(other_poses, z, other_z), batch_stats)
 
 

@@ -27,7 +27,7 @@ from ha2g_jax.methods.method import (
     make_spec,
     restore,
 )
-from ha2g_jax.methods.networks import apply, identity_encoder, resnet_se, text_encoder
+from ha2g_jax.methods.networks import apply, identity_encoder, infer_both, resnet_se, text_encoder
 from ha2g_jax.skeleton import Skeleton, joint_angles
 
 rngs: tuple[str, ...] = ("dropout", "identity", "permutation")
@@ -114,7 +114,7 @@ def run(
     other_f_id = jax.lax.stop_gradient(exchange(f_id, shift))
 
     def infer(key: jax.Array, clips: Any) -> tuple[tuple[jax.Array, ...], jax.Array]:
-        return _infer_both(spec, variables, key, *clips, train=train, compute=compute)
+        return infer_both(spec, variables, key, *clips, train=train, compute=compute)
 
     clips = (features, f_id, other_f_id, seed_pose)
     if train and compute.num_parts > 1:
@@ -137,33 +137,6 @@ def encode(model: HA2G, speech: dict[str, jax.Array], identity: jax.Array, *, tr
 def draw_identity(key: jax.Array, mean: jax.Array, log_variance: jax.Array) -> jax.Array:
     """Draw f_id (B, 18) from its distribution."""
     return mean + jnp.exp(0.5 * log_variance) * jax.random.normal(key, mean.shape, mean.dtype)
-
-
-def _infer_both(
-    spec: Spec,
-    variables: Variables,
-    key: jax.Array,
-    features: Features,
-    f_id: jax.Array,
-    other_f_id: jax.Array,
-    seed_pose: jax.Array,
-    *,
-    train: bool,
-    compute: Compute,
-) -> tuple[tuple[jax.Array, ...], jax.Array]:
-    """Return the poses of each level with a clip's own identity, (B, N, d^h), and the last level with the other one.
-
-    The gradient of the style term reaches only the poses with the clip's own identity. The other poses are therefore
-    computed in a second run without a gradient, which costs less than one run with a gradient on twice the batch.
-    """
-
-    def infer(variables: Variables, key: jax.Array, *clips: Any) -> tuple[jax.Array, ...]:
-        return apply(spec.generator, variables, key, *clips, train=train, compute=compute, method="infer")[0]
-
-    own_key, other_key = jax.random.split(key)
-    own = infer(variables, own_key, features, f_id, seed_pose)
-    other = infer(*jax.lax.stop_gradient((variables, other_key, features, other_f_id, seed_pose)))
-    return own, other[-1]
 
 
 def terms(
