@@ -2,7 +2,7 @@
 
 A pose is the set of unit direction vectors of the bones, parent to child (HA2G, section 3.1).
 Everything that depends on the skeleton - the channels of each level, mirroring, forward kinematics, joint angles - is
-derived from a `Skeleton`, so that another skeleton is only another file.
+derived from a `Skeleton`.
 The functions are pure and take numpy and jax arrays.
 
 Axes are those of the TED data: metres, y points down, the person's left is +x in TED-Expressive.

@@ -1,5 +1,6 @@
 """Requests to stop this process: SIGTERM, Ctrl-C, or a closed terminal, which `on_stop_signals` handles."""
 
+import _thread
 import contextlib
 import os
 import signal
@@ -7,13 +8,14 @@ import socket
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from typing import NoReturn
+from typing import Any, NoReturn
 
 STOP_SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 """Ctrl-C, SIGTERM and, except on Windows, SIGHUP, by which a process learns that its terminal is closed."""
 
 # Python handles a signal between two of its own instructions, and compiling the step is one that may take a minute.
 _PATIENCE = 5.0  # seconds
+_SOON = 0.1  # seconds until a signal is repeated
 
 
 @contextlib.contextmanager
@@ -50,13 +52,28 @@ def on_stop_signals(
 
 @contextlib.contextmanager
 def ending_on_signals() -> Iterator[None]:
-    """Turn stop signals that would kill the process into SystemExit 128 + number, so that it cleans up."""
+    """Turn stop signals that would kill the process into SystemExit 128 + number, so that it cleans up.
+
+    Python ignores exceptions in callbacks of the garbage collector, of which JAX has one, and in `__del__`. A signal
+    that arrives there, Ctrl-C included, is repeated soon after.
+    """
+    report = sys.unraisablehook
 
     def end(number: int) -> NoReturn:
         raise SystemExit(128 + number)
 
-    with on_stop_signals(end, [n for n in STOP_SIGNALS if signal.getsignal(n) == signal.SIG_DFL]):
-        yield
+    def repeat(ignored: Any) -> None:
+        if not issubclass(ignored.exc_type, SystemExit | KeyboardInterrupt):
+            return report(ignored)
+        number = ignored.exc_value.code - 128 if ignored.exc_type is SystemExit else signal.SIGINT
+        threading.Timer(_SOON, _thread.interrupt_main, [number]).start()
+
+    sys.unraisablehook = repeat
+    try:
+        with on_stop_signals(end, [n for n in STOP_SIGNALS if signal.getsignal(n) == signal.SIG_DFL]):
+            yield
+    finally:
+        sys.unraisablehook = report
 
 
 class Stop:

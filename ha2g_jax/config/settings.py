@@ -59,7 +59,7 @@ _BOUNDS = so_that(several(number(-MAX_SETTING), 2), "a lower and an upper bound"
 
 SETTINGS = (
     Setting("name", "ha2g", TEXT, "name of the preset, which the progress bar shows"),
-    Setting("method", "ha2g", TEXT, "name of the method, a key of `OF_METHOD`"),
+    Setting("method", "ha2g", TEXT, "name of the method, such as ha2g or trimodal"),
     Setting("seed", 0, whole(0, MAX_SEED), "seed of all random choices"),
     Setting("skeleton", "", TEXT, "skeleton of the data, ted_expressive or ted_gesture"),
     Setting("data.path", "", TEXT, 'folder of records; "talk" builds the Talk corpus in the user\'s cache'),

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 class Gates(NamedTuple):
     """One array for each gate.
 
-    On a CPU XLA vectorises separate arrays but not slices of one, which makes the forward pass 4 times as fast.
+    On a CPU XLA vectorises separate arrays, but not slices of one: the forward pass is 4 times as fast with them.
     """
 
     reset: jax.Array
@@ -88,7 +88,7 @@ def products(state: jax.Array, gates: Gates, kernels: Gates) -> Gates:
 
 def activate(gates: Gates, products: Gates, bias: jax.Array) -> tuple[jax.Array, ...]:
     """Return r_t, z_t, U_n h_(t-1) + c_n and n_t, each (..., h) float32."""
-    gates = float32(gates)
+    gates, products, bias = float32((gates, products, bias))
     reset = jax.nn.sigmoid(gates.reset + products.reset)
     update = jax.nn.sigmoid(gates.update + products.update)
     inner = products.new + bias.reshape((1,) * (products.new.ndim - 1) + (-1,))

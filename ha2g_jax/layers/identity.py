@@ -8,7 +8,7 @@ from flax import linen as nn
 
 from ha2g_jax.layers import initializers
 from ha2g_jax.layers.conv import BatchNorm, Conv, run_block
-from ha2g_jax.layers.linear import Linear, mean_and_log_variance
+from ha2g_jax.layers.linear import Embedding, Linear, mean_and_log_variance
 
 
 class ImageIdentity(nn.Module):
@@ -54,11 +54,7 @@ class SpeakerIdentity(nn.Module):
         """Map speaker indices (B,) to mean and log-variance, each (B, feature_dim)."""
         del train  # the argument exists because `ImageIdentity` has it
         normal = initializers.normal(1.0)
-        # The gradients of the rows are summed over the batch in float32.
-        table = nn.Embed(
-            self.num_speakers, self.feature_dim, dtype=jnp.float32, embedding_init=normal, name="embedding"
-        )
-        x = table(speaker).astype(table.embedding.dtype)
+        x = Embedding(self.num_speakers, self.feature_dim, embedding_init=normal, name="embedding")(speaker)
         if self.has_hidden:
             x = Linear(self.feature_dim, name="linear")(x)
         return mean_and_log_variance(x, self.feature_dim)

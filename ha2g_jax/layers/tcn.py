@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from flax import linen as nn
 
 from ha2g_jax.layers import initializers
+from ha2g_jax.layers.linear import Embedding
 
 _KERNEL = 2
 _EMBEDDING_DROPOUT = 0.1
@@ -94,11 +95,7 @@ class TextEncoder(nn.Module):
         """Map word indices (B, N) to features (B, N, feature_dim)."""
         centred = self.receptive_field == "centred"
         spread = initializers.normal(self.embedding_dim**-0.5)
-        # The gradients of the rows are summed in float32, because that of the padding has thousands of terms.
-        table = nn.Embed(
-            self.vocabulary_size, self.embedding_dim, dtype=jnp.float32, embedding_init=spread, name="embedding"
-        )
-        x = table(words).astype(table.embedding.dtype)
+        x = Embedding(self.vocabulary_size, self.embedding_dim, embedding_init=spread, name="embedding")(words)
         x = nn.Dropout(_EMBEDDING_DROPOUT if self.dropout else 0.0)(x, deterministic=not train)
         for index in range(self.layers):
             dilation = 2**index

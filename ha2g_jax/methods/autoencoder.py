@@ -7,7 +7,6 @@ The paper does not say how it was trained. Our loss is the mean L1 error of the 
 small cosine term between restored direction vectors; we chose it on the validation split.
 """
 
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import jax
@@ -165,7 +164,7 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
     return make_spec(config, skeleton, generator, inputs=())
 
 
-def init_arguments(spec: Spec, batch: Mapping[str, jax.Array]) -> tuple[jax.Array]:
+def init_arguments(spec: Spec, batch: Batch) -> tuple[jax.Array]:
     """Return the poses of a batch; see `Method.init_arguments`."""
     return (subtract_mean(spec, batch["directions"]),)
 

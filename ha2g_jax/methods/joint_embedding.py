@@ -205,8 +205,7 @@ def sample(
     The latent takes the noise of the first frame.
     """
     clips = (features, noise[:, 0], style, seed_pose)
-    (poses,) = spec.generator.apply(variables, *clips, train=False, method=JointEmbedding.infer)
-    return poses
+    return spec.generator.apply(variables, *clips, train=False, method="infer")[-1]
 
 
 def run(

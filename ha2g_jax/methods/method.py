@@ -5,8 +5,6 @@ A method is a module of this package whose functions have the names and argument
 everything that generation needs; weights of losses, optimisers and schedules are in `ha2g_jax.train.objective`.
 """
 
-import functools
-import operator
 from collections.abc import Mapping
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
@@ -35,13 +33,16 @@ class Spec(NamedTuple):
 
     Attributes:
         method: name in `ha2g_jax.methods.TRAINABLE`.
+        generator: network from speech, identity and seed poses to poses; that of the auto-encoder maps poses to poses.
         discriminator: network of the adversarial loss, None for a method without one.
         skeleton: skeleton with the statistics of the training split.
         num_frames, num_seed_frames: frames of a window, N, and of the seed pose, M.
+        fps: frames per second.
         inputs: names of the speech inputs of `encode_speech`, as in `ha2g_jax.data.speech`.
         training_inputs: names of the speech inputs of a training example.
         identity: batch key that identities are read from, "images" or "speaker"; "" for a method without identities.
         style_dim: number of values of a style, 0 for a method without identities.
+        num_reference_images, image_size: images of an identity, and their height and width in pixels.
         noise_dim: channels of the noise that `GeneratingMethod.sample` reads, 0 for a method without noise.
     """
 
@@ -75,7 +76,7 @@ class Compute(NamedTuple):
 
     Attributes:
         dtype: type of the activations. Parameters, statistics and losses are float32 in any case.
-        num_parts: parts of the batch that go through the pose decoder one after the other.
+        num_parts: parts of the batch that go through the pose inferer one after the other.
         onednn: whether oneDNN computes convolutions and GRUs on a CPU, see `ha2g_jax.layers.cpu`.
     """
 
@@ -94,6 +95,7 @@ class Run(NamedTuple, Generic[Outputs, Constants]):
         outputs: a NamedTuple that gradients flow through; each array of its field `poses` is mean-subtracted, and the
             last one is (B, N, pose_dim).
         constants: a NamedTuple of the other arrays that the terms need, without a gradient; None if they need none.
+        batch_stats: BatchNorm statistics of the generator after this batch.
     """
 
     outputs: Outputs
@@ -138,7 +140,7 @@ class Method(Protocol):
         """
         ...
 
-    def init_arguments(self, spec: Spec, batch: Mapping[str, jax.Array]) -> tuple[Any, ...]:
+    def init_arguments(self, spec: Spec, batch: Batch) -> tuple[Any, ...]:
         """Return arguments of `spec.generator` with which every part of it runs once, to initialise it."""
         ...
 
@@ -202,7 +204,7 @@ class GeneratingMethod(Method, Protocol):
 
 def total(weights: Any, terms: Any) -> jax.Array:
     """Return the objective (HA2G, Eq. 9): each of the `Terms` times its weight, summed in the order of the fields."""
-    return functools.reduce(operator.add, map(operator.mul, weights, terms))
+    return sum((weight * term for weight, term in zip(weights, terms, strict=True)), start=jnp.float32(0))
 
 
 def make_spec(
@@ -238,7 +240,7 @@ def make_spec(
     )
 
 
-def generator_arguments(spec: Spec, batch: Mapping[str, jax.Array]) -> tuple[Any, ...]:
+def generator_arguments(spec: Spec, batch: Batch) -> tuple[Any, ...]:
     """Return the arguments of a generator called with the speech, the identities and the seed poses of a batch."""
     speech = {name: batch[name] for name in spec.training_inputs}
     seed_pose = subtract_mean(spec, batch["directions"])[:, : spec.num_seed_frames]

@@ -125,7 +125,7 @@ def draw_noise(spec: Spec, key: jax.Array, count: int) -> jax.Array:
     seed_key, moment_key = jax.random.split(key)
     seeds = jax.random.bits(seed_key, (count,), jnp.uint32)
     moments = jax.random.randint(moment_key, (count, 1), 0, _NOISE_FRAMES)
-    return track(seeds, moments + jnp.arange(spec.num_frames)[None], spec.fps, spec.noise_dim, numpy=jnp)
+    return track(seeds, moments + jnp.arange(spec.num_frames)[None], spec.fps, spec.noise_dim)
 
 
 def no_settings(settings: Mapping[str, Any]) -> None:
@@ -188,7 +188,7 @@ def infer_both(
     return own, other[-1]
 
 
-def run_generator(
+def run(
     spec: Spec,
     variables: Variables,
     batch: Batch,

@@ -15,7 +15,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.layers import initializers
 from ha2g_jax.layers.conv import BatchNorm
 from ha2g_jax.layers.gru import BiGRU, GRUCells
-from ha2g_jax.layers.linear import Linear
+from ha2g_jax.layers.linear import Embedding, Linear
 from ha2g_jax.layers.resnet_se import AudioEncoder
 from ha2g_jax.methods import networks
 from ha2g_jax.methods.method import Poses, Spec, generator_arguments, make_spec
@@ -55,11 +55,7 @@ class SentenceEncoder(nn.Module):
         if x.ndim == 2:  # words
             is_real = x != 0
             spread = initializers.normal(self.embedding_dim**-0.5)
-            # As in `TextEncoder`, the gradients of the rows are summed in float32.
-            table = nn.Embed(
-                self.num_words, self.embedding_dim, dtype=jnp.float32, embedding_init=spread, name="embedding"
-            )
-            x = table(x).astype(table.embedding.dtype)
+            x = Embedding(self.num_words, self.embedding_dim, embedding_init=spread, name="embedding")(x)
         gru = BiGRU(self.hidden_dim, self.layers, self.dropout, name="gru")
         states = gru.states(x, is_real=is_real, train=train)
         forward, backward = states[-1]
@@ -118,7 +114,7 @@ class Seq2Seq(nn.Module):
     """Generator from the words of a window, without their times, or its sound, and M seed poses to N poses.
 
     The style is the mean of the identity. Poses are flat, mean-subtracted direction vectors (D1). All methods use
-    "batch_stats"; `encode_speech` and `infer` draw from the stream "dropout" in training.
+    "batch_stats", except `encode_speech` with words; it and `infer` draw from the stream "dropout" in training.
     """
 
     num_words: int
@@ -216,7 +212,7 @@ rngs: tuple[str, ...] = ("dropout",)
 reconstruction_term = "mse"
 has_parts = False
 init_arguments = generator_arguments
-run, loss_settings = networks.run_generator, networks.no_settings
+run, loss_settings = networks.run, networks.no_settings
 encode_speech, encode_identity, sample = networks.encode_speech, networks.encode_identity, networks.sample
 
 

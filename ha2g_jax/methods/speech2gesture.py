@@ -189,7 +189,7 @@ rngs: tuple[str, ...] = ("dropout",)
 reconstruction_term = "l1"
 has_parts = False
 init_arguments = generator_arguments
-run, loss_settings = networks.run_generator, networks.no_settings
+run, loss_settings = networks.run, networks.no_settings
 encode_speech, encode_identity, sample = networks.encode_speech, networks.encode_identity, networks.sample
 
 

@@ -90,12 +90,10 @@ def read_seed_pose(source: SeedPose, skeleton: Skeleton, fps: float, count: int)
     Raises:
         UserError: there is no such file, it has another skeleton, or a vector has length zero or is not finite.
     """
-    name, rate = "array", fps
+    name, rate = "motion" if isinstance(source, Motion) else "array", fps
     if isinstance(source, str | pathlib.Path):
-        name = pathlib.Path(source).name
-        source = Motion.load(source)
+        name, source = shown(pathlib.Path(source).name), Motion.load(source)
     if isinstance(source, Motion):
-        name = name if name != "array" else "motion"
         if source.meta["skeleton"] != skeleton.name:
             raise UserError(
                 f"the seed pose {name} is of the skeleton {source.meta['skeleton']}, the model of {skeleton.name}; "

@@ -154,13 +154,13 @@ def encode_features(model: Model, audio: np.ndarray) -> Features:
     start = (model.spec.num_frames - stride) // 2
     keep = slice(start, start + stride)
 
-    def join(windows: np.ndarray) -> np.ndarray:
+    def joined(windows: np.ndarray) -> np.ndarray:
         middle = windows[:, keep].reshape(-1, windows.shape[-1])
         return np.concatenate([windows[0, : keep.start], middle, windows[-1, keep.stop :]])[: _num_frames(model, audio)]
 
     speech, count = _windows(model, audio, ())
     low, mid, high, *_ = encode_windows(model.spec, model.variables, speech, model.assets.vocabulary, count)
-    return jax.tree.map(join, Features(low, mid, high))
+    return jax.tree.map(joined, Features(low, mid, high))
 
 
 def _num_frames(model: Model, audio: np.ndarray) -> int:

@@ -58,6 +58,8 @@ def train(
     the config sets `train.sample_every`. All hosts of a run call this function with the same arguments.
 
     Args:
+        config: settings, see `ha2g_jax.config.settings`.
+        workdir: folder of the run, which is made if it does not exist.
         profile: whether to write a trace of a few steps to profile/.
         draw_sample: function that writes a video of a clip, such as `ha2g_jax.evaluation.samples.write_sample`.
 

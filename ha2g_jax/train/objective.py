@@ -39,7 +39,7 @@ class Objective:
         generator_rate, discriminator_rate: learning rate as a function of the step.
         warmup_steps: steps before the GAN term is used (D9); 0 from `build_objective`, which knows no epochs.
         average_decay: largest decay of the running average of the generator in a step; 0 for no average.
-        compute: precision of the activations, and number of parts of a batch.
+        compute: precision of the activations, number of parts of a batch, and whether oneDNN is used.
     """
 
     spec: Spec

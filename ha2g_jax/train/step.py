@@ -206,21 +206,21 @@ def output_gradient(
             objective, discriminator, outputs.poses[-1], key, train=True
         )
 
-    def objective_of(outputs: Any, gan: jax.Array | None) -> tuple[jax.Array, Any]:
+    def objective_of(outputs: Any) -> tuple[jax.Array, Any]:
         terms = method.terms(spec, objective.settings, outputs, constants, targets, gan)
         return total(weights, terms), terms
 
-    (value, terms), (gradient, gan_slope) = jax.value_and_grad(objective_of, argnums=(0, 1), has_aux=True)(outputs, gan)
+    (value, terms), gradient = jax.value_and_grad(objective_of, has_aux=True)(outputs)
     metrics = _loss_metrics(terms, value)
     if discriminator is None:
         return gradient, metrics
 
     *coarse, last = gradient.poses
-    whole = gradient._replace(poses=(*coarse, last + gan_slope * gan_gradient))
+    whole = gradient._replace(poses=(*coarse, last + weights.gan * gan_gradient))
 
     def reconstruction(poses: jax.Array) -> jax.Array:
         changed = outputs._replace(poses=(*outputs.poses[:-1], poses))
-        return getattr(objective_of(changed, gan)[1], method.reconstruction_term)
+        return getattr(objective_of(changed)[1], method.reconstruction_term)
 
     norm = getattr(weights, method.reconstruction_term) * optax.tree.norm(jax.grad(reconstruction)(outputs.poses[-1]))
     ratio = weights.gan * optax.tree.norm(gan_gradient) / jnp.maximum(norm, _MIN_NORM)

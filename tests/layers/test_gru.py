@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ha2g_jax.layers.gru import BiGRU, GRUCells
-from ha2g_jax.layers.gru_cell import Gates, gru_cell
+from ha2g_jax.layers.gru_cell import Gates, activate, float32, gru_cell
 from ha2g_jax.layers.gru_scan import gru_scan
 
 
@@ -36,6 +36,14 @@ def test_a_single_sequence_equals_the_same_one_of_a_batch(has_ends, oracles):
         variables, x[:1], is_real=None if is_real is None else is_real[:1], train=False, method=gru.states
     )
     oracles.assert_close(alone, jax.tree.map(lambda states: states[:1], together))
+
+
+def test_sums_of_rounded_arrays_are_those_of_float32():
+    """The gradient computes them again, from arrays that are rounded where the forward pass had float32, or the same."""
+    values = jax.random.normal(jax.random.key(0), (7, 2, 16)).astype(jnp.bfloat16)
+    arguments = (Gates(*values[:3]), Gates(*values[3:6]), values[6, 0])
+    for found, expected in zip(activate(*arguments), activate(*float32(arguments)), strict=True):
+        np.testing.assert_array_equal(found, expected, strict=True)
 
 
 def test_dropout_acts_between_layers_only():

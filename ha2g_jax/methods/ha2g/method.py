@@ -1,5 +1,6 @@
 """HA2G: the hierarchical audio learner and pose inferer with the objective of Eq. 9."""
 
+import functools
 import reprlib
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
@@ -83,8 +84,7 @@ class Constants(NamedTuple):
     other_f_id: jax.Array
 
 
-def _roll(f_id: jax.Array, shift: jax.Array) -> jax.Array:
-    return jnp.roll(f_id, shift, axis=0)
+_roll = functools.partial(jnp.roll, axis=0)
 
 
 def run(

@@ -18,7 +18,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.layers import initializers
 from ha2g_jax.layers.gru import FrameDecoder
 from ha2g_jax.layers.identity import SpeakerIdentity
-from ha2g_jax.layers.linear import Linear
+from ha2g_jax.layers.linear import Embedding, Linear
 from ha2g_jax.layers.resnet_se import AudioEncoder
 from ha2g_jax.layers.tcn import TextEncoder
 from ha2g_jax.methods.adversarial import Discriminator
@@ -80,16 +80,14 @@ class ReleaseCoordinator(nn.Module):
     num_levels: int
 
     def setup(self) -> None:
-        self.embedding = nn.Embed(
-            self.num_speakers, self.feature_dim, dtype=jnp.float32, embedding_init=initializers.normal(1.0)
-        )
+        self.embedding = Embedding(self.num_speakers, self.feature_dim, embedding_init=initializers.normal(1.0))
         self.linear_1 = Linear(self.feature_dim)
         self.linear_2 = Linear(_COORDINATOR_DIM)
         self.linear_3 = Linear(3 * self.num_levels)
 
     def encode(self, speaker: jax.Array) -> jax.Array:
         """Map speaker indices (B,) to the values (B, 16) that `blend` reads."""
-        return self.linear_1(self.embedding(speaker).astype(self.embedding.embedding.dtype))
+        return self.linear_1(self.embedding(speaker))
 
     def blend(self, values: jax.Array) -> jax.Array:
         """Map the values of a speaker (B, 16) to C (B, 3, H), whose columns over low, mid and high sum to 1."""
