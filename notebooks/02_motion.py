@@ -103,8 +103,8 @@ for look_ahead in (3, 8):
 # On the left, the frames as they arrive: each step is a frame, and its distance from the dotted line, where a frame
 # would be shown at its own moment, is the latency. On the right, what is gained by it: the height of a wrist in the
 # streams beside that in the file, which has heard all of the speech. A beat begins before its syllable, so a stream
-# that hears only 3 frames ahead misses many of them, and here the wrist hardly moves after 2.5 s; with 8 frames the
-# strokes are as large as those of the file, but often at other moments. `docs/live.md` has the scores.
+# that hears only 3 frames ahead misses some of them, such as those near 7 s; with 8 frames the strokes are as large as
+# those of the file, and mostly at the same moments. `docs/live.md` has the scores.
 
 # %%
 file = model.generate(speech, style=style)

@@ -98,9 +98,9 @@ plt.show()
 print(f"chance: {1 / len(words):.1%}")
 
 # %% [markdown]
-# Only the highest level has a red diagonal: for most words, no other sound of the clip is more similar to the text
-# than their own. Many other pairs are red as well, so this is far from recognition of words. `ha2g evaluate --data
-# talk` has a second test, a linear probe on f_high for the class of a word.
+# The own sound of a word is first more often than by chance for the highest level only. There is no red diagonal: the
+# demo was trained in several parts, and its text encoder is that of the first, which no longer fits f_high (see the
+# model card). `ha2g evaluate --data talk` has a second test, a linear probe on f_high for the class of a word.
 #
 # ## The style coordinator
 #
@@ -122,9 +122,9 @@ plt.colorbar(shown, ax=axes, shrink=0.8)
 plt.show()
 
 # %% [markdown]
-# Each row is a speaker and each column a level of the motion. Rows differ, most in the last column: the blend is a
-# matter of the speaker. Columns differ within a row: it is also a matter of the part of the body. The row "Same
-# audio" of Table 4 is the ablation in which all columns are equal (`config.model.inferer.coordinator = "tied"`).
+# Each row is a speaker and each column a level of the motion. Rows differ: the blend is a matter of the speaker.
+# Columns differ within a row: it is also a matter of the part of the body. The row "Same audio" of Table 4 is the
+# ablation in which all columns are equal (`config.model.inferer.coordinator = "tied"`).
 #
 # ## From coarse to fine
 #

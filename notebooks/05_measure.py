@@ -87,12 +87,12 @@ plt.show()
 # - *mismatched speech* is true motion with the speech of another recording: the chance level of alignment.
 # - *white jitter* (red) is the mean pose and noise as large as true differences of frames. **It has a higher BC than
 #   the true motion**, although it knows nothing of the speech. The other three scores expose it: its beat gain, which
-#   compares with mismatched speech, is 0 within its interval, it has twice as many motion beats per second as the
-#   true motion, and about nine times its jerk.
+#   compares with mismatched speech, is 0 within its interval, it has more than twice as many motion beats per second
+#   as the true motion, and about nine times its jerk.
 #
-# The demo has a higher BC than the true motion for the same reason: it stops too often. Smoothing brings its beats
-# and its BC near those of the true motion, and its jerk too far down; its beat gain is not shown to change. So BC is
-# read beside beats per second, jerk and beat gain, or not at all.
+# The demo has the BC of the true motion, but about a third of its beat gain: it stops about as often, but less often at
+# the right moments. Smoothing takes away some of its beats and much of its jerk, and lowers BC and beat gain as well. So
+# BC is read beside beats per second, jerk and beat gain, or not at all.
 #
 # The evaluation says this itself, in its flags:
 

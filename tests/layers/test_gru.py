@@ -39,7 +39,7 @@ def test_a_single_sequence_equals_the_same_one_of_a_batch(has_ends, oracles):
 
 
 def test_sums_of_rounded_arrays_are_those_of_float32():
-    """The gradient computes them again, from arrays that are rounded where the forward pass had float32, or the same."""
+    """The gradient computes the gates again, from arrays that may be rounded where the forward pass had float32."""
     values = jax.random.normal(jax.random.key(0), (7, 2, 16)).astype(jnp.bfloat16)
     arguments = (Gates(*values[:3]), Gates(*values[3:6]), values[6, 0])
     for found, expected in zip(activate(*arguments), activate(*float32(arguments)), strict=True):

@@ -8,7 +8,7 @@ import onnx
 from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.checkpoint.model_folder import LoadedModel
 from ha2g_jax.checkpoint.onnx.networks import Graph, add_encoder, add_inferer
-from ha2g_jax.checkpoint.onnx.reading import SUFFIX, Description, input_names, parse, to_metadata
+from ha2g_jax.checkpoint.onnx.reading import MAX_TEXT, SUFFIX, Description, input_names, parse, to_metadata
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.spectrum import NUM_MELS, window_columns
 from ha2g_jax.features.text import Vocabulary
@@ -28,11 +28,17 @@ def export(
     model is stored in the file; that of the demo is known.
 
     Raises:
-        UserError: there is no model, it is not HA2G with the audio encoder of the paper, or the file cannot be written.
+        UserError: there is no model, it is not HA2G with the audio encoder of the paper, the licence is no short line,
+            or the file cannot be written.
     """
     out = pathlib.Path(out)
     if out.suffix.lower() != SUFFIX:
         raise UserError(f"an ONNX file ends in {SUFFIX}; name it {shown(out.stem or 'model')}{SUFFIX}")
+    if len(license) > MAX_TEXT or not license.isprintable():
+        raise UserError(
+            f"the licence '{shown(license)}' is too long or cannot be printed; give at most {MAX_TEXT} characters of "
+            "one line, such as Apache-2.0"
+        )
     loaded = model_folder.load(source)
     model = build(loaded, weights=weights, license=license or ("Apache-2.0" if source == "demo" else ""))
     content = model.SerializeToString()

@@ -39,7 +39,7 @@ _ATTRIBUTES = (1, 2, 3, 7)  # a number, a text or integers: FLOAT, INT, STRING, 
 
 FORMAT = "ha2g-jax 1"
 MIN_FRAMES, MIN_FPS, MAX_FPS = 17, 15, 30  # those of `config.settings`, whose import takes long
-_MAX_TEXT = 200
+MAX_TEXT = 200  # characters of a text of the metadata
 _NUMBERS = ("num_frames", "num_seed_frames", "fps", "style_dim")
 _TEXTS = ("name", "method", "weights", "license")
 
@@ -107,7 +107,7 @@ def from_metadata(metadata: Mapping[str, str]) -> Description:
     if sum(map(len, metadata.values())) > MAX_ONNX_METADATA_BYTES:
         raise ValueError(f"more than {MAX_ONNX_METADATA_BYTES} characters of metadata")
     texts = {name: metadata[name] for name in _TEXTS}
-    if any(len(text) > _MAX_TEXT or not text.isprintable() for text in texts.values()):
+    if any(len(text) > MAX_TEXT or not text.isprintable() for text in texts.values()):
         raise ValueError("a text of the metadata is too long or cannot be printed")
     values: dict[str, Any] = {
         name: parse_json(metadata[name])

@@ -1,7 +1,6 @@
 """Import a released file as a model folder: HA2G, Trimodal, and the pose auto-encoders of the Frechet distance."""
 
 import dataclasses
-import math
 import os
 import pathlib
 import re
@@ -123,7 +122,7 @@ def _data_of(content: Mapping[Any, Any]) -> str:
     pose_dim = content.get("pose_dim")
     pose_dim = pose_dim.item() if isinstance(pose_dim, np.ndarray) and pose_dim.size == 1 else pose_dim
     if type(pose_dim) is not int or pose_dim not in _DATA:
-        raise DoesNotFitError(f"pose_dim is {str(pose_dim)[:40]}, expected 27 (TED-Gesture) or 126 (TED-Expressive)")
+        raise DoesNotFitError(f"pose_dim is {repr(pose_dim)[:40]}, expected 27 (TED-Gesture) or 126 (TED-Expressive)")
     return _DATA[pose_dim]
 
 
@@ -250,12 +249,17 @@ def _convert(parts: Parts, rows: Sequence[Row], shapes: Mapping[str, tuple[int, 
             raise DoesNotFitError(f"{_shown(row.part, row.name)} has shape {array.shape}, expected {expected}")
         if array.dtype.kind != "f":
             raise DoesNotFitError(f"{_shown(row.part, row.name)} has numbers of type {array.dtype}, expected floats")
-        # A view of the file stays one where nothing changes; writers other than PyTorch do not align the numbers.
-        values = np.require(row.conversion.convert(array), np.float32, ("C_CONTIGUOUS", "ALIGNED"))
+        values = _float32(row.conversion.convert(array))
         if not np.isfinite(values).all():
             raise DoesNotFitError(f"{_shown(row.part, row.name)} has values that are not finite")
         converted[row.target] = values
     return converted
+
+
+def _float32(values: Any) -> np.ndarray:
+    """Return numbers as aligned float32, a view of the file where nothing changes; those that are too large as inf."""
+    with np.errstate(over="ignore"):
+        return np.require(values, np.float32, ("C_CONTIGUOUS", "ALIGNED"))  # not all writers align their numbers
 
 
 def _left_out(parts: Parts, rows: Iterable[Row]) -> list[tuple[str, str]]:
@@ -310,8 +314,8 @@ def _mean_directions(settings: Any, num_bones: int) -> np.ndarray | None:
         if not isinstance(values, list) or len(values) != 3 * num_bones:
             continue
         flat = [value[0] if isinstance(value, list) and len(value) == 1 else value for value in values]
-        if all(isinstance(value, float) and math.isfinite(value) for value in flat):
-            return np.array(flat, np.float32).reshape(num_bones, 3)
+        if all(isinstance(value, float) for value in flat) and np.isfinite(mean := _float32(flat)).all():
+            return mean.reshape(num_bones, 3)
     return None
 
 

@@ -102,7 +102,8 @@ def make_talk(
     `test_unseen_speakers`, with a new voice and a style between two styles of training. The splits `train` and `val`
     also have other languages, noise and music, with speech and alone, two people in turn, and speech without pauses or
     without emphasis.
-    Nothing is left of the folder if the work is interrupted. The voices are those of one of `SYNTHESISERS`.
+    Nothing is left of the folder if the work is interrupted. The voices are those of one of `SYNTHESISERS`. A script
+    calls this function below `if __name__ == "__main__":`, because worker processes import the script once more.
 
     Raises:
         UserError: `out` exists or cannot be written, there are too few speakers or minutes for all splits, a number is

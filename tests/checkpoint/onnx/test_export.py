@@ -178,6 +178,9 @@ def test_what_could_not_be_read_is_not_written(debug_folder, tmp_path, monkeypat
     monkeypatch.setattr(reading, "MAX_ONNX_METADATA_BYTES", 1000)
     with pytest.raises(UserError, match=r"too large for an ONNX file \(more than 1000 characters of metadata\); train"):
         export(debug_folder, tmp_path / "model.onnx")
+    for text in ("MIT\nor more", 201 * "x"):
+        with pytest.raises(UserError, match=r"the licence .* give at most 200 characters of one line"):
+            export(debug_folder, tmp_path / "model.onnx", license=text)
     assert not list(tmp_path.iterdir())
 
 

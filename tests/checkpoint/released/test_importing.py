@@ -76,6 +76,12 @@ def autoencoder():
     return {"pose_dim": 27} | _parts(rows, _shapes(build(config, load_skeleton("ted_gesture"), 2, 0)))
 
 
+def test_a_mean_pose_that_float32_cannot_hold_is_not_used(content):
+    content["args"].state["mean_dir_vec"] = [1e300] * 27
+    found = read_released(content, "debug")
+    assert any("no mean directions" in note for note in found.notes)
+
+
 def test_names_statistics_and_styles_come_with_the_weights(content):
     found = read_released(content, "debug")
     assert found.assets.vocabulary.words == ("the", "Hand", "hand")  # "Hand" is never looked for
@@ -150,7 +156,12 @@ def _set(content, part, name, value):
             lambda it: _set(it, "gen_dict_2", "out.2.bias", np.full(21, np.nan, np.float32)),
             r"'gen_dict_2: out\.2\.bias' has values that are not finite",
         ),
+        (
+            lambda it: _set(it, "gen_dict_2", "out.2.bias", np.full(21, 1e300)),
+            r"'gen_dict_2: out\.2\.bias' has values that are not finite",
+        ),
         (lambda it: it.update(pose_dim=30), "pose_dim is 30, expected 27"),
+        (lambda it: it.update(pose_dim="27"), "pose_dim is '27', expected 27"),
     ],
 )
 def test_what_does_not_fit_is_named(change, message, content):
