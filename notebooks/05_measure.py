@@ -90,9 +90,9 @@ plt.show()
 #   compares with mismatched speech, is 0 within its interval, it has more than twice as many motion beats per second
 #   as the true motion, and about nine times its jerk.
 #
-# The demo has the BC of the true motion, but about a third of its beat gain: it stops about as often, but less often at
-# the right moments. Smoothing takes away some of its beats and much of its jerk, and lowers BC and beat gain as well. So
-# BC is read beside beats per second, jerk and beat gain, or not at all.
+# The demo has the BC of the true motion, but about a third of its beat gain: it stops about as often, but less often
+# at the right moments. Smoothing takes away some of its beats and much of its jerk, and lowers BC and beat gain as
+# well. So BC is read beside beats per second, jerk and beat gain, or not at all.
 #
 # The evaluation says this itself, in its flags:
 

@@ -75,6 +75,18 @@ def test_arms_point_where_the_motions_do(recipe, tmp_path):
         assert ((angles[name] >= low) & (angles[name] <= high)).all()
 
 
+def test_an_elbow_that_cannot_follow_stays_at_its_limit(recipe):
+    """In a file as in a stream it is not at the other one while the yaw is beyond 180 degrees."""
+    wanted = np.radians([100, 140, 170, -170, -140, 170, 130, 20, -60, 10])
+    is_defined = np.array([True] * 8 + [False, True])
+    expected = np.radians([100, *[119.5] * 6, 20, 20, 10])
+    np.testing.assert_allclose(recipe["within"]("LElbowYaw", wanted, is_defined, None), expected, atol=1e-3)
+    now = None
+    for angle, defined, each in zip(wanted, is_defined, expected, strict=True):
+        (now,) = recipe["within"]("LElbowYaw", [angle], [defined], now)
+        assert now == pytest.approx(each, abs=1e-3)
+
+
 def test_a_motion_that_is_too_fast_is_played_slower(recipe):
     angles = {name: np.zeros(3) for name in recipe["LIMITS"]}
     assert recipe["slower"](angles, 15) == 1

@@ -106,6 +106,18 @@ async function main() {
   await silent.keyboard.press("Space");
   await silent.waitForFunction(() => viewer.clock.hasEnded && viewer.drawnTime === viewer.duration);
   seen.silentEnd = await silent.evaluate(() => viewer.shown());
+  seen.silentLoop = await silent.evaluate(async () => {
+    viewer.pause();
+    viewer.isLooping = true;
+    viewer.seek(viewer.duration);
+    await new Promise((done) => setTimeout(done, 300));
+    return [viewer.clock.isPlaying, viewer.time];
+  });
+  seen.stepsAfterEnd = await silent.evaluate(() => {  // as beside a longer motion
+    viewer.duration = viewer.clock.duration = 8;
+    viewer.seek(7);
+    return [1, -1].map((frames) => { viewer.step(frames); return viewer.time; });
+  });
   await silent.close();
 
   const notebook = await open(browser, "notebook.html", seen);

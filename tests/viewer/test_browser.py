@@ -109,6 +109,8 @@ def test_keys_and_pointer(seen):
 def test_a_motion_without_sound_plays_to_its_end(seen, motions):
     assert seen["silentEnd"]["time"] == pytest.approx(2)
     check_shown(seen["silentEnd"], [motions["first"]])
+    assert seen["silentLoop"] == [False, pytest.approx(2)]  # paused there
+    assert seen["stepsAfterEnd"] == pytest.approx([7 + 1 / 15, 7], abs=1e-3)
 
 
 def test_it_stands_in_a_notebook(seen, motions):

@@ -110,9 +110,8 @@ def serving(address: Address, handle: Callable[[Any], None], page: LivePage | No
             close_timeout=_CLOSE_SECONDS,
         )
     except OSError as error:
-        raise UserError(
-            f"cannot listen on {shown(str(address))} ({reason(error).lower()}); give another port or host"
-        ) from error
+        why = reason(error).partition(" (while")[0].lower()
+        raise UserError(f"cannot listen on {shown(str(address))} ({why}); give another port or host") from error
     thread = threading.Thread(target=server.serve_forever, daemon=True)
     thread.start()
     try:

@@ -32,6 +32,7 @@ _SILENT = 2.0  # seconds after which a page that takes none of these messages is
 _POLL = 0.1  # seconds until a connection notices that the run has ended
 _AGAIN = 1.0  # seconds between two descriptions of the joints, for receivers that start later
 VMC_PORT, VMC_RIG = 39539, "unity"
+_PORTS = {"vmc": VMC_PORT, "udp": None, "ws": None}  # default port by scheme
 MAX_DATAGRAM = 1400  # bytes; a longer one is cut into packets on most networks, and lost as a whole with any of them
 
 _MIRROR_X = np.array([-1.0, 1.0, 1.0])
@@ -284,25 +285,32 @@ def open_sinks(texts: Sequence[str], stack: contextlib.ExitStack, rig: str = OWN
     if not texts:
         raise UserError("no sink; give at least one with --sink, such as vmc://127.0.0.1:39539")
     load_rig(rig)
-    if len({text if "://" in text else resolved(text) for text in texts}) < len(texts):
+    targets = [*map(_target, texts)]
+    if len(set(targets)) < len(targets):
         raise UserError("two sinks are the same; give each once")
     senders, recordings = list[Sink](), list[Recording]()
-    for text in texts:
-        scheme, separator, _ = text.partition("://")
-        if separator and scheme == "vmc":
-            senders.append(stack.enter_context(contextlib.closing(VmcSink(read_address(text, VMC_PORT)))))
-        elif separator and scheme == "udp":
-            senders.append(stack.enter_context(contextlib.closing(UdpSink(read_address(text), rig))))
-        elif separator and scheme == "ws":
-            address = read_address(text)
-            pages = WebSocketSink(address, rig)
-            stack.enter_context(serving(address, pages.serve, live_page("frames")))
-            tqdm.write(f"watch at {address._replace(scheme='http')}", file=sys.stderr)
-            senders.append(stack.enter_context(contextlib.closing(pages)))
-        elif not separator and pathlib.Path(text).suffix.lower() == ".npz":
-            recordings.append(Recording(stack.enter_context(whole_file(text))))
+    for target in targets:
+        if not isinstance(target, Address):
+            recordings.append(Recording(stack.enter_context(whole_file(target))))
+        elif target.scheme == "vmc":
+            senders.append(stack.enter_context(contextlib.closing(VmcSink(target))))
+        elif target.scheme == "udp":
+            senders.append(stack.enter_context(contextlib.closing(UdpSink(target, rig))))
         else:
-            raise UserError(
-                f"no sink {shown(text)}; expected vmc://HOST:PORT, udp://HOST:PORT, ws://HOST:PORT or a file .npz"
-            )
+            pages = WebSocketSink(target, rig)
+            stack.enter_context(serving(target, pages.serve, live_page("frames")))
+            tqdm.write(f"watch at {target._replace(scheme='http')}", file=sys.stderr)
+            senders.append(stack.enter_context(contextlib.closing(pages)))
     return Sinks(tuple(senders), tuple(recordings))
+
+
+def _target(text: str) -> Address | pathlib.Path:
+    """Return the address or the file of a sink, which is the same for all spellings."""
+    scheme = text.partition("://")[0].lower() if "://" in text else ""
+    if scheme in _PORTS:
+        return read_address(text, _PORTS[scheme])
+    if scheme or pathlib.Path(text).suffix.lower() != ".npz":
+        raise UserError(
+            f"no sink {shown(text)}; expected vmc://HOST:PORT, udp://HOST:PORT, ws://HOST:PORT or a file .npz"
+        )
+    return resolved(text)

@@ -28,10 +28,10 @@ class SilentClock {
       : Math.min(this.at + (this.rate * (performance.now() - this.since)) / 1000, this.duration);
   }
   set time(time) { this.at = time; if (this.since !== null) this.since = performance.now(); }
-  get hasEnded() { return this.time >= this.duration; }
+  get hasEnded() { return this.since !== null && this.time >= this.duration; }
   get isPlaying() { return this.since !== null && !this.hasEnded; }
   set speed(speed) { this.time = this.time; this.rate = speed; }
-  async play() { if (this.hasEnded) this.at = 0; this.since = performance.now(); }
+  async play() { if (this.time >= this.duration) this.at = 0; this.since = performance.now(); }
   pause() { this.at = this.time; this.since = null; }
 }
 
@@ -89,8 +89,8 @@ class Player {
   // Seek to a frame of the first motion, plus a tiny offset so that rounding does not show the frame before.
   step(frames) {
     this.pause();
-    const [motion] = this.motions;
-    this.seek((motion.frameAt(this.time) + frames) / motion.fps + 1e-4);
+    const [{ fps }] = this.motions;
+    this.seek((Math.floor(this.time * fps + 1e-4) + frames) / fps + 1e-4);
   }
 
   setSpeed(speed) {

@@ -167,10 +167,24 @@ def test_an_address_in_use_and_a_rig_that_does_not_exist(free_port):
     url = f"ws://127.0.0.1:{free_port()}"
     with contextlib.ExitStack() as stack:
         open_sinks([url], stack)
-        with pytest.raises(UserError, match="cannot listen on"):
+        with pytest.raises(UserError, match=r"cannot listen on ws://127\.0\.0\.1:\d+ \(address already in use\); give"):
             next(open_source(url).chunks(Clock(), StopFlag()))
     with pytest.raises(UserError, match="no rig lego"), contextlib.ExitStack() as stack:
         open_sinks(["udp://127.0.0.1:9"], stack, "lego")
+
+
+@pytest.mark.parametrize(
+    "pair",
+    [
+        ("vmc://127.0.0.1", "vmc://127.0.0.1:39539"),
+        ("vmc://127.0.0.1:39539", "VMC://127.0.0.1:39539/"),
+        ("udp://LOCALHOST:9", "udp://localhost:9"),
+        ("m.npz", "./m.npz"),
+    ],
+)
+def test_a_receiver_that_is_given_twice_is_refused(pair):
+    with pytest.raises(UserError, match="two sinks are the same"), contextlib.ExitStack() as stack:
+        open_sinks(pair, stack)
 
 
 # The hierarchy of a Unity humanoid, as any receiver knows it.
