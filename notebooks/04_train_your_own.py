@@ -107,8 +107,7 @@ plt.show()
 # ## Generate from the checkpoint, and compare with the truth
 #
 # A workdir is a model. Here is the first clip of the validation split: the true motion, that of the new model, and
-# that of the demo model, which was trained on speech of 240 speakers. Both start from the first four true poses
-# (M = 4).
+# that of the demo model. Both start from the first four true poses (M = 4).
 
 # %%
 clip = corpus.clips("val")[0]
