@@ -204,7 +204,7 @@ class GeneratingMethod(Method, Protocol):
 
 def total(weights: Any, terms: Any) -> jax.Array:
     """Return the objective (HA2G, Eq. 9): each of the `Terms` times its weight, summed in the order of the fields."""
-    return sum((weight * term for weight, term in zip(weights, terms, strict=True)), start=jnp.float32(0))
+    return sum((weight * term for weight, term in zip(weights, terms, strict=True)), start=jnp.zeros((), jnp.float32))
 
 
 def make_spec(
