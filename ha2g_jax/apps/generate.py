@@ -125,11 +125,12 @@ def generate_files(
     for path in (path for task in tasks for path in task.paths if path.suffix.lower() in motions):
         if rig is not None or path.suffix.lower() == formats.FBX:
             formats.choose_rig(path, rig or rigs.OWN)
+    pixels = _SIZE if size is None else size
     if VIDEO in suffixes:
         from ha2g_jax.motion.formats.video import check_size
 
-        check_size(size if isinstance(size, tuple) else (size or _SIZE, size or _SIZE))
-    picture = {"size": size or _SIZE, "camera": camera or "body", "fps": options.get("fps")}
+        check_size(pixels if isinstance(pixels, tuple) else (pixels, pixels))
+    picture = {"size": pixels, "camera": camera or "body", "fps": options.get("fps")}
     with stage("loading the model"):
         model = load(checkpoint, backend)
     cues = tuple(read_clip(cue, model.assets.skeleton) for cue in options.get("cues", ()))
@@ -144,10 +145,10 @@ def generate_files(
     def generate(task: Task) -> None:
         _generate(model, task, seeds, words, rig, picture, report, options)
 
+    model.check_options(**options)  # said once, not for each file
     if len(tasks) == 1:
         generate(tasks[0])
     else:
-        model.check_options(**options)  # said once, not for each file
         do_each("generating", [(task.speech, functools.partial(generate, task)) for task in tasks])
     return tuple(path for task in tasks for path in task.paths)
 

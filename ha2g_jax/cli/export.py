@@ -170,9 +170,7 @@ def _export_each(arguments: argparse.Namespace, suffix: str) -> None:
     formats.choose_rig(next(iter(outs)), rig)
 
     def export(path: pathlib.Path, out: pathlib.Path) -> None:
-        motion = read_motion(path, **reading(arguments))
-        out.parent.mkdir(parents=True, exist_ok=True)
-        formats.export(motion, out, rig=rig)
+        formats.export(read_motion(path, **reading(arguments)), out, rig=rig)
         tqdm.write(str(out))
 
     do_each("exporting", [(path, functools.partial(export, path, out)) for out, path in outs.items()])

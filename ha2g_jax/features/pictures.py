@@ -7,7 +7,7 @@ import warnings
 import zlib
 
 import numpy as np
-from PIL import Image, ImageOps
+from PIL import Image, ImageOps, UnidentifiedImageError
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import check_there, quiet, reason, shown
@@ -40,6 +40,8 @@ def read_picture(path: str | pathlib.Path) -> Image.Image:
         with warnings.catch_warnings(), quiet():  # the decoder of TIFF prints
             warnings.simplefilter("ignore")  # of harmless damage, and of sizes, which are checked here
             return _decode(content)
+    except UnidentifiedImageError as error:
+        raise UserError(f"{shown(path)} is no image; expected a PNG or JPEG of a person") from error
     except _ERRORS as error:
         raise UserError(
             f"{shown(path)} cannot be read as an image ({reason(error)}); expected a PNG or JPEG of a person"

@@ -57,8 +57,10 @@ def check_out(path: str | pathlib.Path) -> None:
     """Check that a path can be that of a file or a folder, before a result is written to it or to a name like it.
 
     Raises:
-        UserError: the path is "-", or that of a pipe or a device.
+        UserError: the path is empty, "-", or that of a pipe or a device.
     """
+    if not str(path):  # as --out "$NAME" of a name that is not set
+        raise UserError("the path of the result is empty; give that of a file or folder")
     path = pathlib.Path(path)
     if str(path) == "-" or (path.exists() and not path.is_file() and not path.is_dir()):
         raise UserError(f"cannot write to {shown(path)}; give the path of a file or folder, not of a pipe or a device")
@@ -118,8 +120,9 @@ def whole_file(path: str | pathlib.Path, advice: str = _ADVICE) -> Iterator[path
     path = pathlib.Path(path)
     if not path.name:
         check_file(path)
-    if path.is_symlink():  # its target is written, and the link stays
-        path = pathlib.Path(os.path.realpath(path))
+    with writing(path, advice):  # its name may be too long
+        if path.is_symlink():  # its target is written, and the link stays
+            path = pathlib.Path(os.path.realpath(path))
     temporary = path.with_name(f".{_short(path.stem)}.{os.getpid()}{path.suffix}")
     with writing(path, advice), _parents(path):
         if path.exists() and not path.is_file():

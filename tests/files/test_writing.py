@@ -55,6 +55,8 @@ def test_the_longest_name_can_be_written(tmp_path):
     with whole_file(path) as temporary:
         temporary.write_text("new")
     assert [found.name for found in tmp_path.iterdir()] == [path.name]
+    with pytest.raises(UserError, match="file name too long"), whole_file(tmp_path / f"{'a' * 252}.txt"):
+        pytest.fail("it was taken")
 
 
 def test_a_folder_is_there_when_it_is_complete(tmp_path):

@@ -10,7 +10,6 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import check_regular, reading, shown
 from ha2g_jax.limits import MAX_TRANSCRIPT_BYTES, MAX_TRANSCRIPT_LINES
 
-_EXPECTED = "a transcript"
 # The mark of UTF-32 begins with that of UTF-16.
 _BYTE_ORDER_MARKS = {
     codecs.BOM_UTF8: "utf-8-sig",
@@ -33,8 +32,8 @@ _ONLY_MAC = re.compile(rb"[\x80-\x81\x83\x86-\x90\x98-\x99\x9b-\x9d]")
 _DASH_OR_LETTER = re.compile(rb"[A-Za-z][\x96\x97][A-Za-z]")
 
 
-def read_text(path: pathlib.Path) -> str:
-    """Read a text file with line ends as \\n.
+def read_text(path: pathlib.Path, expected: str = "a transcript") -> str:
+    """Read a text file, which is called `expected` in messages, with line ends as \\n.
 
     It is in UTF-8, in UTF-16 with or without a byte order mark, in UTF-32 with one, or in Windows-1252 or Mac OS Roman
     if all its words are spelled with the letters of one language of Western Europe. Text that a program has encoded
@@ -43,8 +42,8 @@ def read_text(path: pathlib.Path) -> str:
     Raises:
         UserError: the file cannot be read, is too large, or is in another encoding.
     """
-    check_regular(path, _EXPECTED)  # reading a pipe would wait for ever
-    with reading(path, _EXPECTED), path.open("rb") as file:
+    check_regular(path, expected)  # reading a pipe would wait for ever
+    with reading(path, expected), path.open("rb") as file:
         data = file.read(MAX_TRANSCRIPT_BYTES + 1)
     if len(data) > MAX_TRANSCRIPT_BYTES:
         size = f"{MAX_TRANSCRIPT_BYTES >> 20} MiB"

@@ -66,7 +66,7 @@ def read_cues(path: str | os.PathLike, media: pathlib.Path | None = None) -> tup
     path = pathlib.Path(path)
     if path.suffix.lower() not in SUFFIXES:
         raise UserError(f"{shown(path)} is no file of cues; expected one of {', '.join(SUFFIXES)}")
-    text = read_text(path)
+    text = read_text(path, "a file of cues")
     cues = _of_lines(text, path) if path.suffix.lower() == ".jsonl" else _of_subtitles(text, path, media)
     if not cues:
         raise UserError(f"{shown(path)} has no cues; write lines such as {_EXPECTED}, or [nod] before a word")
