@@ -33,6 +33,7 @@ from tables.plan import (
     TablePlan,
     check_report,
     corpus_path,
+    is_counted,
     parse_changes,
     parse_data,
     parse_seeds,
@@ -179,7 +180,7 @@ def _fill(request: Request, plan: TablePlan, perform: Callable[[Run, int, Stop],
     missing = {run.name: run for run in plan.runs if read_record(run, plan, request).scores is None}
     skipped = [name for name, run in missing.items() if run.seed not in request.seeds and run not in gate]
     if not request.has_training:
-        skipped += [name for name, run in missing.items() if read_record(run, plan, request).scored_step is None]
+        skipped += [name for name, run in missing.items() if not is_counted(run, request)]
     failures = dict.fromkeys(skipped, factorial.NOT_TRAINED)
     runs = [run for name, run in missing.items() if name not in failures]
     for row, reason in plan.left_out.items():

@@ -24,6 +24,7 @@ from tables.paper_tables import Table
 from tables.workdirs import (
     Record,
     Run,
+    checkpoint_step,
     digest,
     is_finished,
     read_stored,
@@ -232,13 +233,22 @@ def scores_path(run: Run, plan: TablePlan, request: Request) -> pathlib.Path | N
 def read_record(run: Run, plan: TablePlan, request: Request) -> Record:
     """Read the record of a run with its scores, from the table of kept runs or from its workdir.
 
-    The scores are None where they, or with training a part of the training, are missing.
+    The scores are None where they are missing, or where the run does not count (`is_counted`).
     """
     kept = plan.kept.find(run)
     if kept is not None and (run == plan.autoencoder or list(plan.kept.kind) == scores_kind(plan, request)):
         return kept
-    is_scored = run != plan.autoencoder and (is_finished(run) or not request.has_training)
+    is_scored = run != plan.autoencoder and is_counted(run, request)
     return record_of(run, read_stored(scores_path(run, plan, request)) if is_scored else None)
+
+
+def is_counted(run: Run, request: Request) -> bool:
+    """Return whether a run in its workdir counts: a finished one, and without training also one that has begun.
+
+    In the factorial study, whose claims rest on complete runs, only finished ones count.
+    """
+    has_parts = not request.has_training and request.table != factorial.TABLE
+    return is_finished(run) or (has_parts and checkpoint_step(run) is not None)
 
 
 def check_report(out: pathlib.Path) -> None:

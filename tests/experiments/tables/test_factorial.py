@@ -198,6 +198,15 @@ def test_a_study_that_is_killed_twice_goes_on_to_the_same_report(talk, tmp_path)
     assert reproduce.main([*_arguments(tmp_path / "nowhere", clone), "--no-train"], perform) == 0
     pages = [(folder / "factorial.md").read_bytes() for folder in (whole, killed, clone)]
     assert pages[0] == pages[1] == pages[2]
+
+    last = next(killed.glob("runs/*/*-ha2g-*-seed2"))
+    begun = last.with_name(last.name.replace("-seed2", "-seed3")) / "latest" / "10"
+    begun.mkdir(parents=True)
+    (begun / "SHA256SUMS").write_text("a part")
+    numbers = (killed / "factorial.csv").read_bytes()
+    assert reproduce.main([*_arguments(talk, killed), "--no-train"], perform) == 0
+    assert (killed / "factorial.md").read_bytes() == pages[0] and (killed / "factorial.csv").read_bytes() == numbers
+
     text = pages[0].decode()
     assert "Blocks: 3 of 8 (seeds 0, 1, 2); runs that are missing: 40." in text
     assert text.count("| **held** | 3 | 0 |") == 2 and "| **not held** | 3 | 0 |" in text
