@@ -16,7 +16,9 @@
 PYTHON ?= python3
 VENV ?= .venv
 PYTEST_WORKERS ?= 3
-INSTALL = -m pip install --quiet --no-compile
+INSTALLER ?= pip
+PIP = -m pip install --quiet --no-compile
+INSTALL = -m $(INSTALLER) install --quiet --no-compile
 FUZZ_SECONDS ?= 3600
 
 .PHONY: demo test test-all fuzz test-torch test-blender test-web web pose lint docs release notebooks clean
@@ -57,7 +59,7 @@ lint: $(VENV)/test $(VENV)/lint
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/lint-imports
-	$(VENV)/bin/pyright --pythonpath $(VENV)/bin/python
+	$(VENV)/bin/pyrefly check --python-interpreter-path $(VENV)/bin/python --min-severity error
 
 docs: $(VENV)/docs
 	NO_MKDOCS_2_WARNING=1 $(VENV)/bin/mkdocs build --strict
@@ -75,7 +77,7 @@ notebooks: $(VENV)/notebook
 # One stamp file for each extra: it is installed once, and again when pyproject.toml changes.
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
-	$(VENV)/bin/python $(INSTALL) --upgrade pip
+	$(VENV)/bin/python $(PIP) --upgrade $(firstword $(INSTALLER))
 
 $(VENV)/demo: $(VENV)/bin/python pyproject.toml
 	$(VENV)/bin/python $(INSTALL) --editable .
@@ -89,13 +91,13 @@ $(VENV)/test $(VENV)/onnx $(VENV)/notebook $(VENV)/docs $(VENV)/lint: $(VENV)/bi
 $(VENV)-torch/torch: $(VENV)/test
 	$(PYTHON) -m venv $(VENV)-torch
 	cd $(VENV)-torch/lib/python*/site-packages && ls -d $(abspath $(VENV))/lib/python*/site-packages > test.pth
-	$(VENV)-torch/bin/python $(INSTALL) --editable '.[torch]'
-	$(VENV)-torch/bin/python $(INSTALL) --no-deps smplx  # for non-commercial research; tests alone compare with it
+	$(VENV)-torch/bin/python $(PIP) --editable '.[torch]'
+	$(VENV)-torch/bin/python $(PIP) --no-deps smplx  # for non-commercial research; tests alone compare with it
 	touch $@
 
 $(VENV)-blender/bpy:
 	$(PYTHON) -m venv $(VENV)-blender
-	$(VENV)-blender/bin/python $(INSTALL) bpy numpy
+	$(VENV)-blender/bin/python $(PIP) bpy numpy
 	touch $@
 
 integrations/web/node_modules: integrations/web/package-lock.json

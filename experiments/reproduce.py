@@ -150,7 +150,7 @@ def reproduce(
     chart = out.with_suffix(".svg") if request.table == "figure3" and results.scores else None
     if chart:
         write_text(chart, figure(results))
-    write_text(out, as_markdown(results, out.with_suffix(".csv").name, chart and chart.name))
+    write_text(out, as_markdown(results, out.with_suffix(".csv").name, chart.name if chart else None))
     return not results.failures
 
 

@@ -59,7 +59,7 @@ def gather(runs: Sequence[Run]) -> dict[str, Any]:
     Returns:
         {"runs", "groups"} as JSON values.
     """
-    rows = [
+    rows: list[dict[str, Any]] = [
         {"name": run.name, "settings": dict(run.changed), "finished": is_finished(run)} | _progress(run) for run in runs
     ]
     groups: dict[str, dict[str, Any]] = {}

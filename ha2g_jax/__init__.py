@@ -3,7 +3,7 @@
 import importlib
 
 __version__ = "0.1.0"
-__all__ = ["Motion", "Style", "UserError", "load"]  # pyright: ignore[reportUnsupportedDunderAll]
+__all__ = ["Motion", "Style", "UserError", "load"]
 
 _MODULES = {"Motion": "motion.motion", "Style": "synthesis", "UserError": "errors", "load": "synthesis"}
 

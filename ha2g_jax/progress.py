@@ -68,7 +68,7 @@ def progress_bar(
 
 def track(items: Iterable[T], desc: str, unit: str, total: int | None = None) -> Iterator[T]:
     """Yield the items of an iterable, with length `total` if it has none, and show the progress as a bar."""
-    count = len(items) if total is None else total  # pyright: ignore[reportArgumentType]
+    count = len(items) if total is None else total  # pyrefly: ignore[bad-argument-type]
     with progress_bar(desc, count, unit) as bar:
         for item in items:
             yield item

@@ -55,29 +55,46 @@ SLOW = (
 
 # What `make test` leaves to `make test-all`: damaged files by the thousand, commands that parsing has already checked,
 # recipes of which it checks that they apply, clusters and further processes on this machine, long notebooks, a run that
-# is stopped where one is killed already, and further networks, data and precisions, of which each step is compiled.
+# is stopped where one is killed already, further settings of streams, and further networks, data and precisions, of
+# which each step is compiled.
 THOROUGH = (
     "fuzz/",
     "test_docs_commands.py::test_commands_of_a_page_run",
     "test_baselines.py",
     "test_extending.py::test_recipe_works",
     "test_notebooks.py::test_notebook_runs[02",
+    "test_notebooks.py::test_notebook_runs[03",
     "test_notebooks.py::test_notebook_runs[04",
     "test_notebooks.py::test_notebook_runs[05",
     "test_notebooks.py::test_notebook_runs[06",
+    "benchmarks/test_torch_peer.py::test_a_step_has_our_losses_and_gradients",
+    "data/talk/test_flite.py::test_workers_do_not_change_the_bytes",
+    "evaluation/test_benchmark.py::test_a_precision_changes_the_types_of_the_step",
+    "features/words/test_alignment.py::test_genuine_recordings[zeroeggs_neutral",
+    "importers/video/test_build.py::test_a_cluster_gives_the_same_bytes_and_survives_a_killed_worker",
+    "importers/video/test_build.py::test_a_killed_build_goes_on_where_it_was",
+    "importers/video/test_build.py::test_other_settings_do_the_videos_anew",
     "layers/cpu/test_onednn.py::test_gradients_of_gradients_of_any_shape",
+    "layers/cpu/test_onednn.py::test_recurrence_and_its_gradients_of_both_orders[7-9-64",
     "methods/ha2g/test_method.py::test_parts_on_eight_devices_give_the_update_of_the_whole_on_one",
     "methods/test_baselines.py::test_eight_devices_take_the_step_of_one",
     "methods/test_baselines.py::test_half_precision_is_near_single_precision",
     "methods/test_baselines.py::test_one_batch_is_learnt_by_heart",
+    "metrics/beats/test_times.py::test_processes_that_begin_at_once_share_one_good_store",
     "methods/test_speech2gesture.py::test_legacy_trains_as_the_published_comparison_did",
+    "synthesis/test_running_motion.py::test_no_sample_after_the_look_ahead_changes_a_frame[3-4",
+    "synthesis/test_running_motion.py::test_no_sample_after_the_look_ahead_changes_a_frame[8-2",
+    "synthesis/test_stream.py::test_a_stream_rests_within_a_second_of_silence[2",
+    "synthesis/test_stream.py::test_a_stream_rests_within_a_second_of_silence[3",
+    "synthesis/test_stream.py::test_what_was_cleared_is_forgotten_within_eight_frames[0-",
+    "synthesis/test_stream.py::test_what_was_cleared_is_forgotten_within_eight_frames[4-",
     "train/test_doctor.py::test_the_terms_and_their_sum_are_those_of_the_step",
     "train/test_hosts.py::test_a_run_of_two_processes_through_the_launcher",
     "train/test_loop.py::test_a_run_that_was_stopped_goes_on_as_if_it_had_not_been",
+    "train/test_loop.py::test_two_steps_on_images",
     "train/test_loop.py::test_two_steps_on_recordings[ted",
     "train/test_sharding.py::test_two_processes_equal_one_and_agree_on_the_end",
     "train/test_step.py::test_bfloat16_changes_the_terms_by_little",
-    "importers/video/test_build.py::test_a_cluster_gives_the_same_bytes_and_survives_a_killed_worker",
 )
 
 pytest_plugins = [

@@ -153,7 +153,7 @@ def until(is_reached: Callable[[], bool], process: subprocess.Popen) -> None:
     deadline = time.monotonic() + _PATIENCE
     while not is_reached() and process.poll() is None:
         if time.monotonic() > deadline:
-            raise SystemExit(f"the run is stuck for {_PATIENCE:.0f} s: {' '.join(process.args)}")  # pyright: ignore
+            raise SystemExit(f"the run is stuck for {_PATIENCE:.0f} s: {process.args}")
         time.sleep(_POLL_SECONDS)
 
 

@@ -154,7 +154,7 @@ def judge(effects: Sequence[Sequence[Sequence[Measured]]], questions: Sequence[Q
     p_values = [max(t_test(mean) if mean and mean.error is not None else 1.0 for mean in mine) for mine in means]
     answers = []
     for question, mine, value in zip(questions, means, holm(p_values), strict=True):
-        spreads = tuple(mean and interval(mean, (1 - LEVEL) / len(questions)) for mean in mine)
+        spreads = tuple(interval(mean, (1 - LEVEL) / len(questions)) if mean else None for mean in mine)
         has_errors = all(mean and mean.error is not None for mean in mine)
         verdict = _decide(question, spreads, value) if has_errors else UNDECIDED
         answers.append(Answer(question, spreads, value if has_errors else None, verdict))

@@ -211,7 +211,7 @@ def figure(results: Results) -> str:
             setting: [_mark(level(curve.get(at, {}), key)) for at in LOOK_AHEADS]
             for setting, curve in results.curves.items()
         }
-        panels.append(Panel(panel_title, curves, truth and truth.mean))
+        panels.append(Panel(panel_title, curves, truth.mean if truth else None))
     axis = f"look-ahead in frames of 1/{results.fps:g} s"
     return curve_chart(panels, [title(at) for at in LOOK_AHEADS], label=_label(results), axis=axis, is_last_apart=True)
 

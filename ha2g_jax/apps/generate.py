@@ -191,7 +191,8 @@ def _generate(
         motions = {}
         for index, seed in enumerate(seeds):
             with stage(f"generating {audio.duration:.1f} s of motion" + f", seed {seed}" * (len(seeds) > 1)):
-                motion = motions[f"seed {seed}"] = model.generate(audio, words=spoken, **{**options, "seed": seed})
+                options["seed"] = seed
+                motion = motions[f"seed {seed}"] = model.generate(audio, words=spoken, **options)
             count = len(temporary) // len(seeds)
             for path in temporary[index * count : (index + 1) * count]:
                 _write(path, motion, audio, spoken, rig, picture)

@@ -61,7 +61,7 @@ def from_json(values: Any) -> Assets:
     if values["skeleton"]["name"] not in SKELETONS:
         raise ValueError(f"unknown skeleton {reprlib.repr(values['skeleton']['name'])}")
     skeleton = load_skeleton(values["skeleton"]["name"])
-    statistics = {}
+    statistics: dict[str, Any] = {}
     for name in STATISTICS:
         statistics[name] = _array(values["skeleton"][name], name)
         if statistics[name].shape != getattr(skeleton, name).shape:

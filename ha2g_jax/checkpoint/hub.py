@@ -136,7 +136,7 @@ def _blame(name: str) -> Iterator[None]:
 
     try:
         yield
-    except (errors.RepositoryNotFoundError, errors.GatedRepoError, errors.LocalTokenNotFoundError) as error:
+    except (errors.RepositoryNotFoundError, errors.LocalTokenNotFoundError) as error:
         raise UserError(
             f"no access to {shown(name)} on the Hub; check the name, or store a token with `hf auth login`"
         ) from error
@@ -147,5 +147,5 @@ def _blame(name: str) -> Iterator[None]:
             f"{shown(name)} is not in the cache, and the Hub cannot be reached or has no such model that this user may "
             "read; `hf auth login` stores a token"
         ) from error
-    except (errors.HTTPError, OSError, ValueError) as error:  # pyright: ignore[reportPrivateImportUsage]
+    except (errors.HTTPError, OSError, ValueError) as error:
         raise UserError(f"{shown(name)} cannot be used ({reason(error)})") from error

@@ -292,7 +292,7 @@ def _inspect(arguments: argparse.Namespace) -> int:
     if arguments.recording is None:
         refuse_others(arguments, (), READING, "a page without --recording")
     samples = 4 if arguments.samples is None else arguments.samples
-    options = {"num_samples": samples, "recording": arguments.recording, **reading(arguments)}
+    options: dict[str, Any] = {"num_samples": samples, "recording": arguments.recording, **reading(arguments)}
     print(write_report(arguments.corpus, arguments.out, **options))
     return 0
 

@@ -123,7 +123,8 @@ def run(arguments: argparse.Namespace) -> None:
     elif kind == _SPEECH:
         results = scoring.evaluate_recording(arguments.checkpoint or "demo", arguments.speech, seed=arguments.seed)
     else:
-        options = {"autoencoder": arguments.autoencoder, "legacy": bool(arguments.legacy), "seed": arguments.seed}
+        legacy = bool(arguments.legacy)
+        options: dict[str, Any] = {"autoencoder": arguments.autoencoder, "legacy": legacy, "seed": arguments.seed}
         if kind == _FOLDERS:
             options |= reading(arguments) | {"skeleton": arguments.skeleton, "protocol": arguments.protocol}
             options |= {"body_model": arguments.body_model}

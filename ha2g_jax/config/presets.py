@@ -361,6 +361,7 @@ def factorial(size: str) -> dict[str, Changes]:
     if size not in _RECIPES:
         raise UserError(f"the factorial study has no size {size}; expected one of {', '.join(_RECIPES)}")
     recipe, (holistic, uncoordinated, both) = _RECIPES[size], _WIDTHS[size]
+    widths: dict[tuple[str, ...], int]
     widths = {(HOLISTIC,): holistic, (NO_COORDINATOR,): uncoordinated, (HOLISTIC, NO_COORDINATOR): both}
     rows: dict[str, Changes] = {ORACLE: {**recipe, "model.text.kind": "oracle"}}
     for count in range(len(CONTROLS) + 1):

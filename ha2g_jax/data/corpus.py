@@ -164,7 +164,7 @@ class Corpus:
     def skeleton(self) -> Skeleton:
         """Skeleton with the statistics of the training split, or the published ones without a training split."""
         statistics = self.metadata["statistics"]
-        arrays = {name: np.array(values, np.float32) for name, values in statistics.items()}
+        arrays: dict[str, Any] = {name: np.array(values, np.float32) for name, values in statistics.items()}
         return dataclasses.replace(load_skeleton(self.metadata["skeleton"]), **arrays)
 
     def has_clips(self, split: str) -> bool:

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from array_record.python import array_record_module  # pyright: ignore[reportAttributeAccessIssue]
+from array_record.python import array_record_module
 
 from ha2g_jax.data import records
 from ha2g_jax.data.corpus import FILE, TRAIN, VERSION

@@ -68,7 +68,7 @@ class SplitReport:
     def from_json(cls, counts: dict[str, Any]) -> "SplitReport":
         """Make a report from counts that `as_json` returned."""
         filtered, rejected = (collections.Counter(counts.get(name, {})) for name in ("filtered", "rejected"))
-        return cls(**{**counts, "filtered": filtered, "rejected": rejected})
+        return dataclasses.replace(cls(**counts), filtered=filtered, rejected=rejected)
 
 
 Report: TypeAlias = dict[str, SplitReport]

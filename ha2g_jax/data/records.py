@@ -116,8 +116,8 @@ def decode_clip(record: bytes, name: str = "a record") -> Clip:
         UserError: the bytes are damaged.
     """
     fields = unpack(record, name)
-    audio, images = decode_audio(fields, name), decode_images(fields, name)
-    return Clip(**{**fields, "audio": audio, "reference_images": images})
+    fields |= {"audio": decode_audio(fields, name), "reference_images": decode_images(fields, name)}
+    return Clip(**fields)
 
 
 def unpack(record: bytes, name: str = "a record") -> dict[str, Any]:

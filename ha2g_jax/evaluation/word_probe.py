@@ -89,7 +89,7 @@ def predict_classes(train: ProbeWords, splits: Mapping[str, ProbeWords]) -> dict
     most = names[np.argmax(counts)]
     return {
         split: (
-            Predictions(model.predict(words.features) == words.classes, words.clips),
+            Predictions(np.equal(model.predict(words.features), words.classes), words.clips),
             Predictions(words.classes == most, words.clips),
         )
         for split, words in splits.items()

@@ -89,7 +89,7 @@ class ResNet(nn.Module):
         x = Conv(self.width, (7, 7), (2, 2), 3, use_bias=False, name="conv")(images)
         x = nn.relu(BatchNorm(name="norm")(x, train=train))
         # Flax declares the padding as a string but also accepts pairs.
-        return nn.max_pool(x, (3, 3), strides=(2, 2), padding=((1, 1), (1, 1)))  # pyright: ignore[reportArgumentType]
+        return nn.max_pool(x, (3, 3), strides=(2, 2), padding=((1, 1), (1, 1)))
 
 
 class ResidualBlock(nn.Module):

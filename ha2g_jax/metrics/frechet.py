@@ -19,7 +19,7 @@ _CLOSE = 1e-4  # ratio to the traces below which their difference has lost signi
 class Moments(NamedTuple):
     """Size, mean (d,) and scatter (d, d) in float64 of a set of latents; the covariance is scatter / (count - 1)."""
 
-    count: int  # pyright: ignore[reportIncompatibleMethodOverride]
+    count: int
     mean: np.ndarray
     scatter: np.ndarray
 

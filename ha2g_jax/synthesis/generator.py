@@ -258,7 +258,7 @@ class Generator(abc.ABC, Generic[S]):
         before = None if start is None else directions[0]
         directions = gestures.apply(skeleton, directions, fps, made, before)
         asked = {"seed_pose": start_name, "smoothing": smoothing, "controls": control.describe(controls)}
-        asked["cues"] = gestures.describe(placed)
+        asked |= {"cues": gestures.describe(placed)}
         meta = {
             "version": importlib.metadata.version("ha2g-jax"),
             "model": self.name,

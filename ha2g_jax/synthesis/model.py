@@ -38,9 +38,9 @@ class Model(Generator[Spec]):
         config: settings that the networks are built from.
     """
 
-    spec: Spec
+    spec: Spec  # pyrefly: ignore[bad-override]
     variables: Variables
-    assets: Assets
+    assets: Assets  # pyrefly: ignore[bad-override]
     config: Config
 
     @property

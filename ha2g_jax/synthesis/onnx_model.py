@@ -54,8 +54,8 @@ class OnnxModel(Generator[Description]):
         path: name of the file, for messages.
     """
 
-    spec: Description
-    assets: Assets
+    spec: Description  # pyrefly: ignore[bad-override]
+    assets: Assets  # pyrefly: ignore[bad-override]
     encoder: "onnxruntime.InferenceSession"
     sampler: "onnxruntime.InferenceSession"
     path: str
@@ -186,7 +186,7 @@ def _encoder_threads() -> int:
 @contextlib.contextmanager
 def _blame(path: str) -> Iterator[None]:
     """Turn the exceptions of ONNX Runtime into a `UserError`; they have no class in common."""
-    from onnxruntime.capi import onnxruntime_pybind11_state as state  # pyright: ignore[reportAttributeAccessIssue]
+    from onnxruntime.capi import onnxruntime_pybind11_state as state
 
     kinds = (state.Fail, state.InvalidArgument, state.InvalidGraph, state.InvalidProtobuf, state.RuntimeException)
     try:

@@ -99,7 +99,7 @@ def view(
     duration = max(motion.num_frames / motion.fps for motion in motions.values())
     packed = [pack_body(motion.skeleton) for motion in motions.values()]
     bodies = [body for index, body in enumerate(packed) if packed.index(body) == index]
-    content = {
+    content: dict[str, Any] = {
         "motions": [
             {"name": name, "body": bodies.index(body), **pack_motion(motion)}
             for (name, motion), body in zip(motions.items(), packed, strict=True)

@@ -83,7 +83,7 @@ def serving(address: Address, handle: Callable[[Any], None], page: LivePage | No
     closed = require("websockets.exceptions", "live").ConnectionClosed
     logger = logging.getLogger(f"{__name__}.websockets")
     # A client that does not speak WebSocket, or leaves, is not an error of this program.
-    logger.propagate, logger.handlers = False, [logging.NullHandler()]
+    logger.propagate, logger.handlers[:] = False, [logging.NullHandler()]
 
     def guarded(connection: Any) -> None:
         with contextlib.suppress(closed):

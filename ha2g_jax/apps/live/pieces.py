@@ -118,7 +118,8 @@ class Decoder:
         self._channels = channels
         self._stated, self._rest, self._left = rate, b"", sys.maxsize
         self._form: dict[str, Any] = {}  # of the sound, as soon as it is known
-        self._width, self._resampler = 2 * channels, None
+        self._width = 2 * channels
+        self._resampler: soxr.ResampleStream | None = None
         self._is_wav = self._is_cleared = False
 
     def clear(self) -> None:

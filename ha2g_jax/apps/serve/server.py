@@ -213,7 +213,7 @@ class Worker(Server):
         protocol = self.config.http_protocol_class
 
         def create() -> asyncio.Protocol:
-            return protocol(config=self.config, server_state=self.server_state, app_state=self.lifespan.state)  # pyright: ignore[reportCallIssue]
+            return protocol(config=self.config, server_state=self.server_state, app_state=self.lifespan.state)  # pyrefly: ignore[unexpected-keyword]
 
         try:
             await asyncio.get_running_loop().connect_accepted_socket(create, connection)

@@ -300,7 +300,7 @@ def as_markdown(results: Mapping[str, Any], *, charts: bool = False) -> str:
 
 def _page(found: Sequence[Section], charts: Mapping[str, str]) -> str:
     """Return the report as an HTML page that needs no other file and has no script."""
-    parts = []
+    parts: list[str] = []
     for section in found:
         level = "h2" if parts else "h1"
         parts.append(f"<{level}>{html.escape(printable(section.heading))}</{level}>")

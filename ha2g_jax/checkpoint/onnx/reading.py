@@ -106,7 +106,7 @@ def from_metadata(metadata: Mapping[str, str]) -> Description:
         raise ValueError("not written by ha2g model onnx, or of another version")
     if sum(map(len, metadata.values())) > MAX_ONNX_METADATA_BYTES:
         raise ValueError(f"more than {MAX_ONNX_METADATA_BYTES} characters of metadata")
-    texts = {name: metadata[name] for name in _TEXTS}
+    texts: dict[str, Any] = {name: metadata[name] for name in _TEXTS}
     if any(len(text) > MAX_TEXT or not text.isprintable() for text in texts.values()):
         raise ValueError("a text of the metadata is too long or cannot be printed")
     values: dict[str, Any] = {

@@ -353,7 +353,7 @@ def _read(
             entry = {"start ms": entry["time"], "text": entry["value"]}
         for key, path in deeper.items():
             if found := _under(entry, path):
-                entry = {key: found[0] if len(found) == 1 else "\n".join(map(_text, found)), **entry}
+                entry = dict[str, Any]({key: found[0] if len(found) == 1 else "\n".join(map(_text, found)), **entry})
         columns = _columns(tuple(entry))
         parts = next(((name, entry[name]) for name in _PARTS if isinstance(entry.get(name), list)), None)
         if "text" not in columns and parts is None:

@@ -89,12 +89,13 @@ def _timed_words(cues: Sequence[Stretch]) -> list[Stretch]:
         lines = [line for line, words in by_line if words]
         plain = [words for _, words in by_line if words]
         untimed = len([*itertools.takewhile(lambda line: not _INLINE_TIME.search(line), lines)])
-        most = untimed if (cue.start or 0.0) - ended < _PAUSE else 0
+        cue_start, cue_end = cue.start or 0.0, cue.end or 0.0
+        most = untimed if cue_start - ended < _PAUSE else 0
         known = next((count for count in range(most, 0, -1) if plain[:count] == shown[-count:]), 0)
-        shown, ended = plain, cue.end or 0.0
+        shown, ended = plain, cue_end
         # [text, time, text, time, text ...]
         parts = _INLINE_TIME.split("\n".join(lines[known:]))
-        times = [cue.start, *map(_to_seconds, parts[1::2]), cue.end]
+        times = [cue_start, *map(_to_seconds, parts[1::2]), cue_end]
         for part, start, end in zip(parts[::2], times[:-1], times[1:], strict=True):
             speaker = next((name for name, _ in reversed(turns(part, labels)) if name is not None), speaker)
             words = _spoken(part, labels)

@@ -19,7 +19,7 @@ _MIN_WORD_SECONDS = 1e-3
 _ROUNDED_SECONDS = 0.05
 _WORD_SECONDS, _LETTER_SECONDS = 0.3, 0.1
 
-_APOSTROPHES = str.maketrans(dict.fromkeys("’‘ʼ＇`", "'"))
+_APOSTROPHES = str.maketrans("’‘ʼ＇`", 5 * "'")
 _THOUSANDS = re.compile(r"(?<=[0-9]),(?=[0-9]{3}(?![0-9]))")
 # Soft hyphens, marks of direction and of byte order.
 _UNSEEN = re.compile("[\u00ad\u200e\u200f\u202a-\u202e\u2060\u2066-\u2069\ufeff]")

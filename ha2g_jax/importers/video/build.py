@@ -273,7 +273,8 @@ def _save(folder: pathlib.Path, key: str, extracted: Extraction) -> None:
 
 def _load(folder: pathlib.Path, key: str) -> Extraction:
     content = msgpack.unpackb((folder / f"{key}{_SUFFIX}").read_bytes())
-    return Extraction(**{**content, "report": SplitReport.from_json(content["report"])})
+    content["report"] = SplitReport.from_json(content["report"])
+    return Extraction(**content)
 
 
 def _digest(path: pathlib.Path) -> str:

@@ -95,7 +95,8 @@ class VideoSettings:
                 raise UserError(f"setting {name} is {reprlib.repr(value)}; expected {values.expected}")
             default = WindowFilters._field_defaults[field] if is_filter else getattr(VideoSettings, field)
             if isinstance(value, int) and isinstance(default, float):
-                changed = self.filters._replace(**{field: float(value)}) if is_filter else float(value)
+                number: Any = float(value)
+                changed = self.filters._replace(**{field: number}) if is_filter else number
                 object.__setattr__(self, "filters" if is_filter else field, changed)
 
     def as_json(self) -> dict[str, Any]:

@@ -107,9 +107,8 @@ def _cotangent_tiles(cotangent: jax.Array) -> list[jax.Array]:
 
 def _transform(matrix: Sequence[Sequence[float]], values: Sequence[jax.Array]) -> list[jax.Array]:
     """Multiply a matrix by a vector of arrays, skipping products with zero."""
-    return [
-        sum(factor * value for factor, value in zip(row, values, strict=True) if factor)  # pyright: ignore
-        for row in matrix
+    return [  # pyrefly: ignore[bad-return]
+        sum(factor * value for factor, value in zip(row, values, strict=True) if factor) for row in matrix
     ]
 
 

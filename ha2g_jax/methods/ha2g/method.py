@@ -162,7 +162,7 @@ def terms(
 
 def loss_settings(settings: Mapping[str, Any]) -> LossSettings:
     """Return the numbers and choices of the terms; see `Method.loss_settings`."""
-    return LossSettings(**{**settings, "negatives": tuple(settings["negatives"])})
+    return LossSettings(**settings)._replace(negatives=tuple(settings["negatives"]))
 
 
 def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:

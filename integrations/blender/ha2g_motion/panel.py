@@ -11,21 +11,21 @@ from .motion import Motion, MotionError
 class Ha2gSettings(bpy.types.PropertyGroup):
     """Settings of the panel, which are stored in the scene."""
 
-    motion: bpy.props.StringProperty(  # pyright: ignore[reportInvalidTypeForm]
+    motion: bpy.props.StringProperty(  # type: ignore
         name="Motion", description="A .glb, .vrma, .bvh, .json or .npz of ha2g-jax", subtype="FILE_PATH"
     )
-    sound: bpy.props.StringProperty(  # pyright: ignore[reportInvalidTypeForm]
+    sound: bpy.props.StringProperty(  # type: ignore
         name="Sound", description="The speech (optional)", subtype="FILE_PATH"
     )
-    names: bpy.props.StringProperty(  # pyright: ignore[reportInvalidTypeForm]
+    names: bpy.props.StringProperty(  # type: ignore
         name="Bone names",
         description='A JSON file {"BONE": "JOINT"} (optional; by default the names of common rigs)',
         subtype="FILE_PATH",
     )
-    start: bpy.props.IntProperty(  # pyright: ignore[reportInvalidTypeForm]
+    start: bpy.props.IntProperty(  # type: ignore
         name="Start", description="Frame of the first pose", default=0, min=0, max=scene.MAX_FRAME
     )
-    keep_rate: bpy.props.BoolProperty(  # pyright: ignore[reportInvalidTypeForm]
+    keep_rate: bpy.props.BoolProperty(  # type: ignore
         name="Keep scene's frame rate",
         description="And its frames. Otherwise the scene takes those of the motion",
         default=False,

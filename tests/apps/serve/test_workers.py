@@ -92,7 +92,7 @@ def test_a_worker_that_ends_soon_is_started_ever_more_rarely():
 def test_connections_go_to_free_workers_with_the_fewest():
     ours, theirs = socket.socketpair()
     with ours, theirs:
-        few, many, full, loading = children = [Child(None, ours, "") for _ in range(4)]  # pyright: ignore[reportArgumentType]
+        few, many, full, loading = children = [Child(None, ours, "") for _ in range(4)]
         few.report, many.report, full.report = Report(True, 3, 1), Report(True, 3, 2), Report(True, 3, 0, True)
         assert min(few, many, full, key=lambda child: child.rank) is few
         for _ in range(2):

@@ -26,7 +26,7 @@ def test_workers_do_not_change_the_bytes(tiny_talk, tmp_path):
 
 def test_the_processor_does_not_change_the_bytes(tiny_talk, tmp_path):
     """The name of a run has the hash of its corpus, which must be the same with AVX-512 and with AVX2 alone."""
-    features = np.show_config(mode="dicts")["SIMD Extensions"]["found"]  # pyright: ignore[reportOptionalSubscript]
+    features = np.show_config(mode="dicts")["SIMD Extensions"]["found"]
     newer = [name for name in features if name.startswith(("AVX512", "X86_V4"))]
     if not newer:
         pytest.skip("the processor has no AVX-512")

@@ -117,7 +117,7 @@ def independent_directions(clip: dict[str, Any], skeleton: Skeleton) -> np.ndarr
     """Unit vectors child - parent at 15 frames a second, in float64."""
     poses = np.stack(clip["skeletons_3d"]).astype(np.float64)
     step = len(poses) / (15 * (clip["end_time"] - clip["start_time"]))
-    line = interp1d(np.arange(len(poses)), poses, axis=0, fill_value="extrapolate")  # pyright: ignore
+    line = interp1d(np.arange(len(poses)), poses, axis=0, fill_value="extrapolate")
     positions = line(np.arange(0, len(poses), step))
     directions = np.stack([positions[:, child] - positions[:, parent] for parent, child in skeleton.bones], axis=1)
     return directions / np.linalg.norm(directions, axis=-1, keepdims=True)

@@ -77,7 +77,7 @@ def test_images_stand_upright(tmp_path):
             assert format == "rgb24"
             return np.asarray(image)
 
-    shown = images.upright(Rotated(), 1.0)  # pyright: ignore[reportArgumentType]
+    shown = images.upright(Rotated(), 1.0)
     assert shown.size == (48, 64) and shown.getpixel((0, 0)) == (255, 255, 255)  # rotated counterclockwise
 
 

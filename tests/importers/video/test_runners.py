@@ -45,7 +45,7 @@ def call(tmp_path, monkeypatch):
     (tmp_path / "parallel_calls.py").write_text(CALLS)
     monkeypatch.syspath_prepend(str(tmp_path))
     sys.modules.pop("parallel_calls", None)
-    import parallel_calls  # pyright: ignore[reportMissingImports]
+    import parallel_calls  # pyrefly: ignore[missing-import]
 
     yield parallel_calls.call
     del sys.modules["parallel_calls"]

@@ -62,7 +62,7 @@ def blender() -> Callable[..., dict[str, np.ndarray]]:
 @pytest.fixture(scope="session")
 def validator() -> Callable[[pathlib.Path], dict]:
     """The Khronos glTF validator's report on a file."""
-    node = shutil.which("node")
+    node = shutil.which("node") or ""
     script = "const v = require('gltf-validator'); const fs = require('fs');"
     if not node or subprocess.run([node, "-e", script], capture_output=True, check=False).returncode:
         pytest.skip("no Khronos validator here (npm install gltf-validator, and set NODE_PATH)")
