@@ -102,6 +102,27 @@ console.log(JSON.stringify(sockets.map(({ sent }) => sent)));
 """
 
 
+LONG_SPEECH = """
+const sent = [];
+globalThis.WebSocket = class extends EventTarget {
+  static OPEN = 1;
+  readyState = 1;
+  send(message) { sent.push(message.byteLength); }
+};
+new Body().say(new Int16Array(600000));
+console.log(JSON.stringify(sent));
+"""
+
+
+@pytest.mark.skipif(not shutil.which("node"), reason="needs node")
+def test_an_avatar_says_a_long_answer_in_messages_that_the_source_takes():
+    script = (EXAMPLES / "avatar.js").read_text() + LONG_SPEECH
+    command = ["node", "--input-type=module", "-"]
+    found = subprocess.run(command, input=script, capture_output=True, text=True, timeout=60, check=True)
+    sizes = json.loads(found.stdout)
+    assert max(sizes) <= 2**20 and sum(sizes) == 2 * 600000
+
+
 @pytest.mark.skipif(not shutil.which("node"), reason="needs node")
 def test_an_avatar_keeps_what_it_says_while_another_page_is_heard():
     """The sockets are the source, the sink, and the source twice more."""
@@ -169,6 +190,22 @@ def test_an_agent_of_pipecat_answers_and_is_interrupted(debug_model, monkeypatch
     (begin, end), *_ = runs(heard)
     assert begin + 1 < interruptions[-1] and abs(end - interruptions[-1]) < IN_STEP
     assert abs(times[numbers.index(stream.onsets()[0])] - begin) < IN_STEP
+
+
+def test_what_fails_while_livekit_draws_reaches_the_runner(debug_model, monkeypatch):
+    recipe = example("livekit_agent", "livekit.agents", monkeypatch)
+
+    class Broken(recipe.Avatar):
+        def _draw(self, directions):
+            raise RuntimeError("no picture")
+
+    async def draw():
+        async with asyncio.timeout(10):
+            async for _ in Broken(debug_model.stream(look_ahead=0)):
+                pass
+
+    with pytest.raises(RuntimeError, match="no picture"):
+        asyncio.run(draw())
 
 
 def test_an_agent_of_livekit_is_drawn_in_step_and_interrupted(debug_model, monkeypatch):

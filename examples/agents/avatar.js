@@ -8,6 +8,7 @@
 
 const RETRY_MILLISECONDS = 1000;
 const REFUSAL_MILLISECONDS = 3000; // a source that hears another sender closes the connection within this time
+const MOST_SAMPLES = 2 ** 18; // of a message, half of what the source takes
 const STALE_MILLISECONDS = 10000; // after which a message that waits for the first connection is not sent
 const UPPER_BODY = /^(Spine|Neck|Head$|(Left|Right)(Shoulder|Arm|ForeArm|Hand))/; // TalkingHead moves the rest
 
@@ -54,7 +55,7 @@ export class Body {
 
   /** Speaks: PCM of 16 bits, mono, at the rate of `--rate`, an `Int16Array` of any length. */
   say(pcm) {
-    this.#send(pcm);
+    for (let first = 0; first < pcm.length; first += MOST_SAMPLES) this.#send(pcm.subarray(first, first + MOST_SAMPLES));
   }
 
   /** Changes what the body does: { state: "listen" }, { cue: "nod" }, { muted: true }, { clear: true }. */

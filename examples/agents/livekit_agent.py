@@ -39,7 +39,7 @@ class Avatar(VideoGenerator):
         self._pieces = utils.audio.AudioByteStream(RATE, 1, RATE // stream.fps)  # as long as a frame
         self._begun, self._count = -1.0, 0
         self._held: collections.deque[tuple[float, rtc.AudioFrame | AudioSegmentEnd]] = collections.deque()
-        self._output: asyncio.Queue[rtc.VideoFrame | rtc.AudioFrame | AudioSegmentEnd] = asyncio.Queue()
+        self._output: asyncio.Queue[rtc.VideoFrame | rtc.AudioFrame | AudioSegmentEnd | None] = asyncio.Queue()
 
     async def push_audio(self, frame: rtc.AudioFrame | AudioSegmentEnd) -> None:
         if isinstance(frame, AudioSegmentEnd):
@@ -76,9 +76,11 @@ class Avatar(VideoGenerator):
 
     async def __aiter__(self) -> AsyncIterator[rtc.VideoFrame | rtc.AudioFrame | AudioSegmentEnd]:
         task = asyncio.create_task(self.body.run())
+        task.add_done_callback(lambda _: self._output.put_nowait(None))
         try:
-            while True:
-                yield await self._output.get()
+            while (output := await self._output.get()) is not None:
+                yield output
+            await task  # which raises what ended it
         finally:
             task.cancel()
 

@@ -55,14 +55,14 @@ class PacedStream:
             rate: samples per second.
 
         Returns:
-            Time of the frame, in seconds, with which the agent's sound up to the next silence begins. Sound may be sent
-            to a player when this frame is shown.
+            Time of the frame, number / fps in seconds, with which the agent's sound up to the next silence begins.
+            Sound may be sent to a player when this frame is shown.
 
         Raises:
             UserError: the rate is below 1 kHz or above 768 kHz.
         """
         if not self._own.is_waiting:
-            self._begun = self._samples(self._ticks) / SAMPLE_RATE
+            self._begun = self._ticks / self._stream.fps
         self._own.put(pcm, rate)
         return self._begun
 
@@ -105,7 +105,7 @@ class PacedStream:
     async def run(self) -> None:
         """Hear and show until this coroutine is cancelled; the motion is computed in a thread.
 
-        Run it again, and the frames go on where they ended.
+        Run it again, and the frames go on where they ended. What `show` raises ends the run.
         """
         fps, clock = self._stream.fps, asyncio.get_running_loop().time
         delay, start = math.ceil(round(self._stream.latency * fps, 6)), clock() - self._ticks / fps
@@ -114,8 +114,13 @@ class PacedStream:
             changes, self._changes = self._changes, []
             count, self._ticks = self._samples(tick) - self._samples(tick - 1), tick
             own, other = self._own.take(count), self._other.take(count)
-            await asyncio.to_thread(self._advance, changes, own, other)
-            if self._shown <= tick - delay:
+            computing = asyncio.ensure_future(asyncio.to_thread(self._advance, changes, own, other))
+            try:
+                await asyncio.shield(computing)
+            except asyncio.CancelledError:
+                await asyncio.wait([computing])  # so that two runs never use the stream at once
+                raise
+            while self._shown <= tick - delay:  # more than one after a run that was cancelled in between
                 self._shown += 1
                 await self._show(self._shown - 1, self._frames.popleft())
 

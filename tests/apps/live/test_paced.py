@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import time
 from typing import Any
 
 import numpy as np
@@ -115,6 +116,41 @@ def test_a_second_run_goes_on_where_the_first_ended():
     asyncio.run(main())
     assert shown == list(range(len(shown))) and len(stream.own) * FPS // RATE - len(shown) - DELAY + 1 in (0, 1)
     np.testing.assert_array_equal(stream.own[stream.own != 0], np.tile(SOUND[:1600], 2) / np.float32(32768))
+
+
+def test_runs_that_are_cancelled_while_they_compute_leave_the_frames_in_time():
+    class Slow(Standin):
+        num_feeds, num_at_work, most_at_work = 0, 0, 0
+
+        def feed(self, own, other):
+            self.num_feeds += 1
+            self.num_at_work += 1
+            self.most_at_work = max(self.most_at_work, self.num_at_work)
+            time.sleep(1.5 / FPS)
+            self.num_at_work -= 1
+            return super().feed(own, other)
+
+    stream: Any = Slow()
+    shown = []
+
+    async def show(number, frame):
+        shown.append(number)
+
+    async def main():
+        paced = PacedStream(stream, show)
+        for number in range(8):
+            task = asyncio.create_task(paced.run())
+            while stream.num_feeds <= number:
+                await asyncio.sleep(0.001)
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(0.3):
+                await paced.run()
+
+    asyncio.run(main())
+    assert stream.most_at_work == 1
+    assert shown == list(range(len(shown))) and len(stream.own) * FPS // RATE - len(shown) - DELAY + 1 in (0, 1)
 
 
 def test_sound_of_another_rate_has_its_length():
