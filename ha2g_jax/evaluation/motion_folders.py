@@ -15,6 +15,7 @@ from ha2g_jax.data.processes import parallel_map
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.clip_result import ClipResult
 from ha2g_jax.evaluation.evaluate import DRAWS, Intervals, differences, measure
+from ha2g_jax.evaluation.remarks import too_few_recordings
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.files.reading import files_below, folded, shown
 from ha2g_jax.metrics import sanity
@@ -339,17 +340,16 @@ def score_beat2(
         for name, places in joints.items()
     }
     if len(recordings) > 1:
-        others = sanity.derangement(
-            [str(member) for member in members], np.random.default_rng(seed), lengths=[len(it) for it in joints[TRUTH]]
-        )
-        mismatched = [onsets[other] for other in others.tolist()]
+        lengths, names = [len(places) for places in joints[TRUTH]], [str(member) for member in members]
+        mismatched = sanity.mismatched_onsets(onsets, names, lengths, rests.FPS, seed=seed)
         rows[MISMATCHED] = rests.Beat2Row(joints[TRUTH], mismatched, speeds, _UPPER, members, len(recordings))
     intervals = Intervals(len(recordings), DRAWS, seed)
     scores = {name: measure(row, "beat2") for name, row in rows.items()}
     order = dict.fromkeys([*methods, TRUTH, *rows])
     results = {name: {key: intervals(score) for key, score in scores[name].items()} for name in order}
     results |= differences({name: scores[name] for name in methods}, intervals, list(scores[TRUTH]))
-    return {"rows": results, "notes": _beat2_notes(body_model, len(ids))}
+    notes = [*_beat2_notes(body_model, len(ids)), *too_few_recordings(len(recordings))]
+    return {"rows": results, "notes": notes}
 
 
 def _read_arrays(path: pathlib.Path | None, reading: Reading) -> smplx_arrays.SmplxArrays:

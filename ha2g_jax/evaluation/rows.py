@@ -169,7 +169,14 @@ def _sanity_rows(reference: Reference) -> dict[str, Row]:
         name: dataclasses.replace(truth, directions=made, borders=no_borders)
         for name, made in sanity.rows(truth.directions, mean, seed=seed).items()
     }
-    rows[MISMATCHED] = dataclasses.replace(truth, onsets=_other_onsets(reference), has_counterpart=False)
+    others = sanity.mismatched_onsets(
+        reference.onsets,
+        [str(member) for member in reference.members],
+        [len(clip) for clip in reference.directions],
+        reference.fps,
+        seed=reference.seed,
+    )
+    rows[MISMATCHED] = dataclasses.replace(truth, onsets=others, has_counterpart=False)
     return {name: rows[name] for name in SANITY_ROWS if name not in (TRUTH, HALF)}
 
 
@@ -177,20 +184,6 @@ def mean_directions(clips: Sequence[np.ndarray]) -> np.ndarray:
     """Return the mean (bones, 3) over all frames of clips (T, bones, 3); not of unit length."""
     total = sum(np.sum(clip, axis=0, dtype=np.float64) for clip in clips)
     return np.asarray(total) / sum(map(len, clips))
-
-
-def _other_onsets(reference: Reference) -> list[np.ndarray | None]:
-    """Return the onsets of a clip of another recording for each clip; none where all sound is of one recording."""
-    with_sound = [number for number, onsets in enumerate(reference.onsets) if onsets is not None]
-    others: list[np.ndarray | None] = [None] * len(reference.onsets)
-    if len(set(reference.members[with_sound].tolist())) < 2:
-        return others
-    lengths = [len(reference.directions[number]) for number in with_sound]
-    recordings = [str(member) for member in reference.members[with_sound]]
-    partners = sanity.derangement(recordings, np.random.default_rng(reference.seed), lengths=lengths)
-    for number, partner in zip(with_sound, partners.tolist(), strict=True):
-        others[number] = reference.onsets[with_sound[partner]]
-    return others
 
 
 def _within(onsets: np.ndarray | None, seconds: float) -> np.ndarray | None:

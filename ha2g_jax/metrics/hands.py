@@ -1,7 +1,7 @@
 """Where and how the hands and the head move: speed, use of one or both hands, spread, distance, repetition.
 
 Neither high nor low values are better: compare each with that of a person for the same speech. The metrics were
-calibrated on recordings of two people; a hand counts as moving if its speed is at least `MOVING`.
+calibrated on recordings of two people; a hand counts as moving if its speed is above `MOVING`.
 """
 
 from collections.abc import Callable

@@ -3,6 +3,7 @@
 A metric that ranks one of them best does not measure quality. Each is a pure function of clips of direction vectors.
 """
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -106,6 +107,38 @@ def derangement(
             for clip in group:
                 others[clip] = _nearest(clip, names, sizes, rng)
     return others
+
+
+def mismatched_onsets(
+    onsets: Sequence[np.ndarray | None],
+    recordings: Sequence[str],
+    num_frames: Sequence[int],
+    fps: float,
+    *,
+    seed: int = 0,
+) -> list[np.ndarray | None]:
+    """Return the onsets (n,) of a clip of another recording for each clip, see `derangement`.
+
+    Those of a shorter clip are repeated for the length of the motion. The result is None for a clip without sound, and
+    for all if all sound is of one recording.
+
+    Args:
+        onsets: times in seconds by clip, None without sound.
+        recordings: recording of each clip.
+        num_frames: length of the motion of each clip.
+        fps: frames per second.
+    """
+    heard = [(clip, times) for clip, times in enumerate(onsets) if times is not None]
+    names = [recordings[clip] for clip, _ in heard]
+    found: list[np.ndarray | None] = [None] * len(onsets)
+    if len(set(names)) < 2:
+        return found
+    lengths = [num_frames[clip] for clip, _ in heard]
+    partners = derangement(names, np.random.default_rng(seed), lengths=lengths)
+    for (clip, _), length, partner in zip(heard, lengths, partners.tolist(), strict=True):
+        copies = range(math.ceil(length / lengths[partner]))
+        found[clip] = np.concatenate([heard[partner][1] + copy * lengths[partner] / fps for copy in copies])
+    return found
 
 
 def _nearest(clip: int, names: np.ndarray, sizes: np.ndarray, rng: np.random.Generator) -> int:
