@@ -1,4 +1,4 @@
-"""Simulate the power of the factorial study from the spreads of its kept runs and of those of the previous study.
+"""Simulate the power of the factorial study from the spreads of its complete blocks.
 
     python experiments/power.py
 
@@ -6,26 +6,23 @@ Prints the spreads and, for several numbers of blocks, the smallest effects that
 and how often a part without any effect is not held. docs/results/factorial.md quotes the numbers.
 """
 
-import math
 import pathlib
 import sys
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from tables.claims import HELD, NOT_HELD, Measured, jackknife_variance
-from tables.factorial import HANDS_FGD, MEASURES, QUESTIONS, SPEAKERS, TABLE, effect, judge
-from tables.kept_runs import Kept, read_kept
+from tables.factorial import MEASURES, QUESTIONS, SPEAKERS, TABLE, cell_values, effect, judge
 from tables.plan import Request, plan_table
 from tables.tables import RowScores
 
+from ha2g_jax.config.presets import ORACLE
 from ha2g_jax.evaluation.charts import markdown
 
-STUDY = pathlib.Path(__file__).parent / "talk-runs"
 FACTORIAL = pathlib.Path(__file__).parent / "factorial-runs" / "small"
 BLOCKS = (2, 4, 8, 16)
 
-_SPLIT, _ABLATIONS_OF_STEPS, _KINDS = "test_unseen_speakers", 2000, ("ablation", "reader")
 _HEARD = SPEAKERS // 6  # speakers of the split in the corpus of the factorial study
 _POWER, _DRAWS, _SEED = 0.8, 500, 0
 _SIZES = np.arange(0.2, 4.01, 0.2)  # effects, in units of what matters
@@ -38,50 +35,28 @@ class Spreads(NamedTuple):
     speakers: float
 
 
-def read_spreads(kept: Kept, blocks: RowScores) -> list[list[Spreads]]:
-    """Return the spreads of each measure of each question.
+def read_spreads(blocks: RowScores) -> list[list[Spreads]]:
+    """Return the spreads of each measure of each question, of the complete blocks.
 
-    The spread of a run is the residual of the scores of the previous study after the means of its row and of its seed
-    are subtracted. The rows are the ablations of Tables 3 and 4 with all audio levels; for fingers r, which is at its
-    floor in them, the baselines that read the words. The spread by speakers is the jackknife's, of the effects in the
-    complete blocks of the factorial study so far.
+    The spread of a run is the residual of the cells after the means of cell and block are subtracted. The error by
+    speakers is the jackknife's, of the effect.
     """
-    rows: dict[str, dict[int, Mapping[str, Any]]] = {}
-    for record in kept.records:
-        is_ablation = record.config["train"]["steps"] == _ABLATIONS_OF_STEPS and "-only-" not in record.name
-        is_reader = record.config["method"] in ("trimodal", "seq2seq", "joint_embedding") and "alone" not in record.name
-        if record.scores is not None and (is_ablation or is_reader):
-            kind = "ablation" if is_ablation else "reader"
-            rows.setdefault(f"{kind} {record.name.rsplit('-', 1)[0]}", {})[record.seed] = record.scores["splits"][
-                _SPLIT
-            ]
-    ablations, readers = ([mine for name, mine in rows.items() if name.startswith(kind)] for kind in _KINDS)
     found = []
     for question in QUESTIONS:
         found.append([])
         for measure in question.measures:
-            parts = [
-                _residual([_values(mine, name) for mine in (readers if "finger" in name else ablations)])
-                for name in measure.metrics
-            ]
-            without = [block.without for block in effect(blocks, question.control, measure).values()]
-            speakers = jackknife_variance(np.mean(without, axis=0)) ** 0.5
-            found[-1].append(Spreads(float(np.linalg.norm(parts)) / len(parts), speakers))
+            effects = effect(blocks, question.control, measure)
+            cells = [cell_values(mine, measure) for row, mine in blocks.items() if row != ORACLE]
+            run = _residual([[cell[seed].value for seed in effects] for cell in cells])
+            speakers = jackknife_variance(np.mean([block.without for block in effects.values()], axis=0)) ** 0.5
+            found[-1].append(Spreads(run, speakers))
     return found
 
 
-def _values(mine: Mapping[int, Any], metric: str) -> list[float]:
-    """Return a metric in the order of the seeds; the FGD of the hands was not stored, so use that of all bones."""
-    ordered = [mine[seed] for seed in sorted(mine)]
-    if metric == f"talk.{HANDS_FGD}":
-        return [math.log(one["evaluation"]["rows"]["model"]["fgd"]["value"]) for one in ordered]
-    return [one["talk"]["rows"]["model"][metric.removeprefix("talk.")]["value"] for one in ordered]
-
-
-def _residual(values: Any) -> float:
-    values = np.array(values, float)
-    left = values - values.mean(axis=0) - values.mean(axis=1, keepdims=True) + values.mean()
-    return float(np.sqrt(np.sum(left**2) / ((values.shape[0] - 1) * (values.shape[1] - 1))))
+def _residual(scores: Sequence[Sequence[float]]) -> float:
+    table = np.array(scores)
+    left = table - table.mean(axis=0) - table.mean(axis=1, keepdims=True) + table.mean()
+    return float(np.sqrt(np.sum(left**2) / ((table.shape[0] - 1) * (table.shape[1] - 1))))
 
 
 def draw_effects(
@@ -128,7 +103,7 @@ def main() -> int:
     scores = {
         row: {seed: one.scores for seed, one in mine.items() if one and one.scores} for row, mine in found.items()
     }
-    spreads = read_spreads(read_kept(STUDY), scores)
+    spreads = read_spreads(scores)
     lines = [("measure", "smallest effect that matters", "run", "speakers")]
     lines += [
         (measure.title, f"{measure.matters:.3f}", f"{error.run:.3f}", f"{error.speakers:.3f}")

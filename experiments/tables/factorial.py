@@ -122,7 +122,7 @@ def table(size: str) -> Table:
 
 def effect(scores: RowScores, control: str, measure: Measure) -> dict[int, Measured]:
     """Return the effect of a part by seed, for each block that has all eight cells."""
-    found = {row: _values(mine, measure) for row, mine in scores.items() if row != ORACLE}
+    found = {row: cell_values(mine, measure) for row, mine in scores.items() if row != ORACLE}
     if len(found) < 2 ** len(QUESTIONS):
         return {}
     signs, half = {row: -1 if control in row.split(", ") else 1 for row in found}, len(found) / 2
@@ -135,7 +135,7 @@ def effect(scores: RowScores, control: str, measure: Measure) -> dict[int, Measu
     }
 
 
-def _values(scores: Mapping[int, Scores], measure: Measure) -> dict[int, Measured]:
+def cell_values(scores: Mapping[int, Scores], measure: Measure) -> dict[int, Measured]:
     """Return a measure of a cell by seed, the mean of its metrics, without seeds that lack one."""
     parts = [by_seed(scores, SPLITS[-1], metric) for metric in measure.metrics]
     function = np.log if measure.is_logarithm else np.asarray
@@ -319,7 +319,7 @@ def _claim_line(answer: Answer, effects: Sequence[Sequence[Measured]], has_ended
 def _cell_line(row: str, scores: Mapping[int, Scores]) -> tuple[str, ...]:
     cells = []
     for measure in MEASURES:
-        values = [one.value for one in _values(scores, measure._replace(is_logarithm=False)).values()]
+        values = [one.value for one in cell_values(scores, measure._replace(is_logarithm=False)).values()]
         cells.append(plus_minus(over_seeds(values)) if values else "-")
     return (row, *cells, str(len(scores)))
 

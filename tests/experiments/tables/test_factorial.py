@@ -10,6 +10,7 @@ import sys
 import time
 
 import numpy as np
+import power
 import pytest
 import reproduce
 from tables import factorial, hands
@@ -80,6 +81,16 @@ def test_an_effect_is_the_mean_of_four_cells_less_that_of_the_others(study):
     assert [*effect(found, style.control, style.measures[0])] == [0, 2]
     hierarchy = effect(found, QUESTIONS[1].control, QUESTIONS[1].measures[0])
     assert [block.value for block in hierarchy.values()] == pytest.approx([np.log(2 / 3)] * 2, abs=0.02)
+
+
+def test_the_spread_of_a_run_is_what_its_cell_and_its_block_do_not_explain(study):
+    _, found = study
+    cells = [found[row] for row in found if row != presets.ORACLE]
+    for number, cell in enumerate(cells):
+        for seed in range(3):
+            one = cell[seed]["splits"][SPLITS[1]]["talk"]["rows"]["model"]["finger_correlation"]
+            one["value"] = number + seed / 10 + (0.24 if number == seed == 0 else 0)
+    assert power.read_spreads(found)[0][0].run == pytest.approx(0.24 * (7 / 8 * 2 / 3 / 14) ** 0.5)
 
 
 def _value(mine, seed, metric):
