@@ -92,10 +92,11 @@ def test_equal_lengths_are_preferred_and_the_nearest_is_next():
 
 
 def test_onsets_of_a_shorter_clip_are_repeated_for_the_whole_motion():
-    onsets = [np.arange(0.5, 60), np.array([1.0, 2.5]), None, np.array([0.5])]
+    many, two = np.arange(0.5, 60), np.array([1.0, 2.5])
+    onsets = [many, two, None, np.array([0.5])]
     long, short, silent, other = sanity.mismatched_onsets(onsets, ["a", "b", "c", "b"], [900, 60, 60, 45], 15.0)
     assert silent is None
-    np.testing.assert_array_equal(long, (np.arange(15)[:, None] * 4 + onsets[1]).ravel())  # of the nearest length
+    np.testing.assert_array_equal(long, (np.arange(15)[:, None] * 4 + two).ravel())  # of the nearest length
     for found in (short, other):
-        np.testing.assert_array_equal(found, onsets[0])
+        np.testing.assert_array_equal(found, many)
     assert sanity.mismatched_onsets(onsets[:3], ["a", "a", "b"], [900, 60, 60], 15.0) == [None, None, None]
