@@ -349,6 +349,8 @@ def score_beat2(
     results = {name: {key: intervals(score) for key, score in scores[name].items()} for name in order}
     results |= differences({name: scores[name] for name in methods}, intervals, list(scores[TRUTH]))
     notes = [*_beat2_notes(body_model, len(ids)), *too_few_recordings(len(recordings))]
+    if any(len(each.motion) > len(methods[name]) for name, each in read.items()):
+        notes.append("of several motions of a sequence the first is scored")
     return {"rows": results, "notes": notes}
 
 

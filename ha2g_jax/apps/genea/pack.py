@@ -6,6 +6,7 @@ import json
 import pathlib
 import re
 import tempfile
+import unicodedata
 import zipfile
 import zlib
 from collections import defaultdict
@@ -139,7 +140,12 @@ def _add_samples(
 def _by_name(paths: list[pathlib.Path]) -> dict[str, pathlib.Path]:
     found: dict[str, pathlib.Path] = {}
     for path in paths:
-        if (other := found.setdefault(path.stem, path)) != path:
+        try:
+            name = unicodedata.normalize("NFC", path.stem)
+            name.encode()
+        except UnicodeEncodeError:
+            raise UserError(f"{shown(path)} has a name that is not UTF-8; rename it") from None
+        if (other := found.setdefault(name, path)) != path:
             raise UserError(f"{shown(other)} and {shown(path)} are speech of one name; leave out one of them")
     return found
 
@@ -205,7 +211,8 @@ def _check(
         for name in names:
             bar.update()
             if match := _FILE.fullmatch(name):
-                files[match[2]][int(match[1])] = _check_file(name, path_of, findings)
+                clip = unicodedata.normalize("NFC", match[2])
+                files[clip][int(match[1])] = _check_file(name, path_of, findings)
             elif name != MANIFEST:
                 findings.append(f"{shown(name)} does not belong to a pack; expected sample_K/CLIP.npz")
     numbers = {number for each in files.values() for number in each}
@@ -307,10 +314,13 @@ def _check_manifest(clips: Mapping[str, Any], files: Mapping[str, Mapping[int, _
                 findings.append(f"sample_{number}/{shown(clip)}.npz is not the file of {MANIFEST}")
             if isinstance(facts, dict) and file.frames and file.frames != facts.get("frames"):
                 findings.append(f"sample_{number}/{shown(clip)}.npz has {file.frames} frames, not those of {MANIFEST}")
+    there = {f"sample_{number}/{clip}.npz" for clip, each in files.items() for number in each}
+    if lost := sorted(expected.keys() - there):
+        findings.append(f"{len(lost)} files of {MANIFEST} are missing, such as {shown(lost[0])}")
 
 
 def _check_speech(speech: pathlib.Path, files: Mapping[str, Mapping[int, _File]], findings: list[str]) -> None:
-    paths = {path.stem: path for path in find_speech([speech])}
+    paths = _by_name(find_speech([speech]))
     findings += [f"{shown(clip)} has no motion" for clip in paths if clip not in files]
     findings += [f"{shown(clip)} has no speech in {shown(speech)}" for clip in files if clip not in paths]
     for clip in files.keys() & paths.keys():

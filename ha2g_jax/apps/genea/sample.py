@@ -3,6 +3,7 @@
 import collections
 import pathlib
 import re
+import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, Unpack
 
@@ -242,7 +243,7 @@ def read_shapes(folder: pathlib.Path, clips: Sequence[str]) -> dict[str, np.ndar
     Raises:
         UserError: there is no file for a clip, or it has no shape.
     """
-    paths = {path.stem: path for path in sorted(find_motions(folder).values())}
+    paths = {unicodedata.normalize("NFC", path.stem): path for path in sorted(find_motions(folder).values())}
     speakers = {_speaker(name): path for name, path in paths.items()}
     shapes: dict[str, np.ndarray] = {}
     for clip in clips:

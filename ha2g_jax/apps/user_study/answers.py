@@ -12,7 +12,7 @@ import numpy as np
 
 from ha2g_jax.apps.user_study.design import ATTENTION, MISMATCH, RATING, Item, Key
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import check_regular, read_json, shown
+from ha2g_jax.files.reading import check_regular, files_below, read_json, shown
 from ha2g_jax.limits import MAX_ANSWER_BYTES, MAX_ANSWER_FILES
 from ha2g_jax.progress import progress_bar
 
@@ -63,7 +63,7 @@ class Answers(NamedTuple):
 
 
 def read_answers(paths: Sequence[pathlib.Path], key: Key) -> Answers:
-    """Read answer files, and folders of `.json` files; one that does not fit the study or the format is excluded.
+    """Read answer files, and all files of folders; one that does not fit the study or the format is excluded.
 
     Of several files with the same participant, only the one that was finished first may be kept, so that a failed
     attention check is not repaired by a second try.
@@ -106,9 +106,9 @@ def _files(paths: Sequence[pathlib.Path]) -> list[pathlib.Path]:
     for path in paths:
         inside = [path]
         if path.is_dir():
-            inside = sorted(each for each in path.iterdir() if each.suffix.lower() == ".json")
+            inside = sorted(each for each in files_below(path) if not each.name.startswith("."))
             if not inside:
-                raise UserError(f"{shown(path)} has no answer file; give files or a folder of .json files")
+                raise UserError(f"{shown(path)} has no file; give the answer files of a study, or their folder")
         elif not path.exists():
             raise UserError(f"no file or folder at {shown(path)}; give the answer files of a study")
         for each in inside:

@@ -21,11 +21,14 @@ ELO_PER_LOGIT = 400 / np.log(10)
 
 
 class Strengths(NamedTuple):
-    """Strengths of the compared systems (S,), relative to their mean over `finite`; a missing bound is infinite.
+    """Strengths of the compared systems (S,); a missing bound is infinite.
+
+    They are relative to the mean of the largest group of systems that beat each other by chains of wins, or of all
+    largest groups if there are several, so that the order of the systems does not matter.
 
     Attributes:
         differences: estimates (pairs,), first system minus second, in the order of `itertools.combinations`.
-        finite: (S,) whether the system belongs to the largest group whose strengths maximum likelihood determines.
+        finite: (S,) whether maximum likelihood determines the strength.
         is_connected: whether choices that prefer one connect every system with every other one, directly or not.
     """
 
@@ -76,8 +79,11 @@ def estimate(choices: Choices, num_systems: int) -> Strengths:
     beats = _closure(wins > 0)
     is_connected = bool(_closure(wins + wins.T > 0).all())
     mutual = beats & beats.T
-    finite = mutual[mutual.sum(1).argmax()]  # the largest group in which each one beats each other one
-    to_mean = np.eye(len(used)) - finite / finite.sum()
+    # The largest groups in which each one beats each other one; what beats one and is not beaten by it has no bound.
+    reference = mutual.sum(1) == mutual.sum(1).max()
+    above, below = (np.any((each & ~each.T)[:, reference], axis=1) for each in (beats, beats.T))
+    finite = reference & ~above & ~below
+    to_mean = np.eye(len(used)) - reference / reference.sum()
     first, second = np.array(list(itertools.combinations(range(len(used)), 2))).T
     contrasts = np.eye(len(used))[first] - np.eye(len(used))[second]
     if not is_connected:
@@ -93,8 +99,6 @@ def estimate(choices: Choices, num_systems: int) -> Strengths:
     for rows in (to_mean, contrasts):
         least = np.square(standard_errors(wins + added, strengths, rows))
         found.append(crossed(rows @ strengths, *(jackknife((each @ rows.T).T) for each in spreads), least=least))
-    # Those that beat the largest group by a chain of wins and are not beaten by it have no upper bound.
-    above, below = (each[:, finite].all(1) & ~finite for each in (beats, beats.T))
     found[0] = _open(found[0], above, below)
     is_ahead, is_behind = beats[first, second], beats[second, first]
     found[1] = _open(found[1], is_ahead & ~is_behind, is_behind & ~is_ahead)

@@ -117,7 +117,7 @@ def _make_key(
 ) -> Key:
     unhashed = sorted(itertools.chain.from_iterable(stimuli.items() for stimuli in design.scenes.values()))
     stimuli = {name: stimulus._replace(sha256=file_sha256(media / f"{name}.mp4")) for name, stimulus in unhashed}
-    content = [wording, seed, systems, [item_as_json(item) for item in design.items], stimuli]
+    content = [wording, seed, systems, [item_as_json(item) for item in design.items], stimuli, design.lists]
     study = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:_ID_LETTERS]
     return Key(
         study=study,

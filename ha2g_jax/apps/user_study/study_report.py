@@ -39,8 +39,9 @@ count half."""
 
 _STRENGTHS = """\
 Strengths of Bradley and Terry: with a difference d, the first system is preferred with probability 1 / (1 + exp(-d)) \
-where one is preferred. Choices for neither do not count. Strengths are relative to their mean; 1500 on Elo's scale \
-is that mean, and 400 points are odds of 10. Intervals are not corrected for the number of pairs."""
+where one is preferred. Choices for neither do not count. Strengths are relative to the mean of the largest group of \
+systems that were preferred to each other, directly or through others (of all such groups, if several are as large); \
+1500 on Elo's scale is that mean, and 400 points are odds of 10. Intervals are not corrected for the number of pairs."""
 
 _INFINITE = """\
 Always or never preferred, at least to a group of the others, so that the answers set no bound on one side, and the \

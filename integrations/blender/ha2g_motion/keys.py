@@ -28,7 +28,8 @@ def make_figure(motion: Motion, *, start: float = 0, rate: float | None = None) 
     _write_rotations(armature, local, curves)
     if np.ptp(motion.root, axis=0).max() > 1e-6:
         root = target.bones[0]
-        curves.write(f'pose.bones["{root}"].location', armatures.root_location(motion, target), root)
+        path = f'pose.bones["{bpy.utils.escape_identifier(root)}"].location'
+        curves.write(path, armatures.root_location(motion, target), root)
     return armature
 
 

@@ -35,7 +35,7 @@ def read_motion(path: str | pathlib.Path) -> Motion:
     readers = {".glb": glb.read, ".vrma": glb.read, ".bvh": bvh.read, ".json": read_json, ".npz": _read_npz}
     suffix = path.suffix.lower()
     if suffix not in readers:
-        found = checks.shown(path.name)
+        found = checks.shown(path.name) if path.name else "a motion without a path"
         raise MotionError(f"cannot read {found}; expected a file of ha2g export: {', '.join(SUFFIXES)}")
     try:
         if not path.is_file():

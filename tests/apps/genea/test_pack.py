@@ -3,6 +3,7 @@
 import dataclasses
 import hashlib
 import json
+import os
 import pathlib
 import re
 import shutil
@@ -201,6 +202,31 @@ def test_missing_and_superfluous_files_are_found(pack):
     ]
     shutil.rmtree(pack / "sample_5")
     assert "samples 1, 2, 3, 4; expected 1 to 5" in check_pack(pack).findings
+
+
+def test_samples_that_the_manifest_has_and_the_pack_lacks_are_found(pack):
+    for number in range(2, 6):
+        shutil.rmtree(pack / f"sample_{number}")
+    assert check_pack(pack).findings == ["8 files of manifest.json are missing, such as sample_2/1_wayne_0_1_1.npz"]
+
+
+def test_names_with_accents_of_their_own_are_those_with_letters_that_have_them(pack, speech, tmp_path):
+    """macOS and other systems write them apart, as e and an accent."""
+    sounds, motions = tmp_path / "sounds", tmp_path / "motions"
+    sounds.mkdir()
+    motions.mkdir()
+    shutil.copy(speech / "1_wayne_0_1_1.wav", sounds / "cafe\u0301.wav")
+    shutil.copy(pack / FILE, motions / "cafe\u0301.npz")
+    made = write_pack(sounds, tmp_path / "made", motion=motions)
+    assert check_pack(made, sounds).findings == [] and (made / "sample_1" / "caf\u00e9.npz").is_file()
+
+
+def test_a_name_that_no_archive_can_have_is_refused_before_the_work(speech, tmp_path):
+    sounds = tmp_path / "sounds"
+    sounds.mkdir()
+    shutil.copy(speech / "1_wayne_0_1_1.wav", sounds / os.fsdecode(b"\xff.wav"))
+    with pytest.raises(UserError, match="not UTF-8"):
+        write_pack(sounds, tmp_path / "made.zip", checkpoint="nowhere")
 
 
 def test_clips_and_lengths_are_those_of_the_speech(pack, speech, tmp_path):

@@ -98,6 +98,16 @@ def test_a_file_that_is_no_answer_is_excluded(case, key, tmp_path, monkeypatch):
     assert [path.name for path in tmp_path.iterdir()] == ["bad.json"]
 
 
+def test_no_file_of_a_folder_is_passed_over(key, content, tmp_path):
+    (tmp_path / "later").mkdir()
+    for name, one in (("0.json", "p00"), ("1.txt", "p01"), ("2", "p02"), ("later/0.json", "p03")):
+        (tmp_path / name).write_text(json.dumps(make_answers(key, one, np.random.default_rng(0))))
+    (tmp_path / "notes.txt").write_text("two came late")
+    found = read_answers([tmp_path], key)
+    assert [one.id for one in found.participants] == ["p00", "p01", "p02", "p03"]
+    assert [one.file.endswith("notes.txt") for one in found.excluded] == [True]
+
+
 def test_of_two_files_of_a_participant_the_first_is_kept(key, content, tmp_path):
     later = make_answers(key, "p00", np.random.default_rng(1)) | {"finished": "2026-02-03T06:00:00+01:00"}
     found = read(tmp_path, key, later, content, content)

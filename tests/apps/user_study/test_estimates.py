@@ -1,5 +1,6 @@
 """Shares, means, differences, strengths and agreement: known and published values, small designs, and coverage."""
 
+import itertools
 import pathlib
 import runpy
 
@@ -263,6 +264,20 @@ def test_the_order_of_the_systems_does_not_matter():
     np.testing.assert_allclose(found.value, -turned.value)
     np.testing.assert_allclose(found.low, -turned.high)
     np.testing.assert_allclose(found.p, turned.p)
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_where_each_system_always_beats_the_next_the_first_has_no_upper_bound_and_the_last_no_lower(count):
+    pairs = [*itertools.combinations(range(count), 2)]
+    rows = [(p, c, *pair, 1) for p in range(8) for c in range(3) for pair in pairs]
+    found = estimate(compared(rows), count)
+    turned = estimate(compared([(*row[:4], -1) for row in rows]), count)
+    assert not found.finite.any()
+    for one, order in ((found.strengths, slice(None)), (turned.strengths, slice(None, None, -1))):
+        assert one.value[order].sum() == pytest.approx(0) and (np.diff(one.value[order]) < -1).all()
+        assert [value == np.inf for value in one.high[order]] == [True] * (count - 1) + [False]
+        assert [value == -np.inf for value in one.low[order]] == [False] + [True] * (count - 1)
+    np.testing.assert_allclose(found.strengths.value, -turned.strengths.value, atol=1e-9)
 
 
 def test_systems_that_were_not_compared_have_no_common_scale():

@@ -116,6 +116,16 @@ def test_a_second_sound_of_a_clip_is_named(tmp_path, write_motions, caplog):
     assert f"not read, as another is of the same clip: 1, {first.stem}.flac beside {first.name}" in caplog.text
 
 
+def test_studies_with_other_lists_are_not_the_same(tmp_path, write_motions, monkeypatch):
+    monkeypatch.setattr(make, "write_video", lambda path, *_, **__: path.write_bytes(b"video"))
+    folders = write_motions(tmp_path, clips=("a", "b", "c", "d"))
+    found = {
+        read_key(make_study(folders, out, speech=tmp_path / "speech", seed=3, per_participant=count) / "key.json").study
+        for count, out in ((3, tmp_path / "few"), (6, tmp_path / "many"))
+    }
+    assert len(found) == 2
+
+
 def test_names_are_taken_as_they_are(tmp_path, write_motions, monkeypatch):
     monkeypatch.setattr(make, "write_video", lambda path, *_, **__: path.write_bytes(b"video"))
     clips = ("</script><b>", "a 'b' \"c\"", "x\ny", "a..%2f", "-o", "\udcff")  # the last is no UTF-8
