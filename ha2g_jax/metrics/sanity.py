@@ -123,12 +123,12 @@ def mismatched_onsets(
     for all if all sound is of one recording.
 
     Args:
-        onsets: times in seconds by clip, None without sound.
+        onsets: times in seconds by clip, None without sound; those after the end of the motion are left out.
         recordings: recording of each clip.
         num_frames: length of the motion of each clip.
         fps: frames per second.
     """
-    heard = [(clip, times) for clip, times in enumerate(onsets) if times is not None]
+    heard = [(clip, times[times < num_frames[clip] / fps]) for clip, times in enumerate(onsets) if times is not None]
     names = [recordings[clip] for clip, _ in heard]
     found: list[np.ndarray | None] = [None] * len(onsets)
     if len(set(names)) < 2:

@@ -93,7 +93,7 @@ def test_equal_lengths_are_preferred_and_the_nearest_is_next():
 
 def test_onsets_of_a_shorter_clip_are_repeated_for_the_whole_motion():
     many, two = np.arange(0.5, 60), np.array([1.0, 2.5])
-    onsets = [many, two, None, np.array([0.5])]
+    onsets = [many, np.append(two, 4.5), None, np.array([0.5])]
     long, short, silent, other = sanity.mismatched_onsets(onsets, ["a", "b", "c", "b"], [900, 60, 60, 45], 15.0)
     assert silent is None
     np.testing.assert_array_equal(long, (np.arange(15)[:, None] * 4 + two).ravel())  # of the nearest length

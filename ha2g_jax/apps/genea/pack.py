@@ -1,6 +1,7 @@
 """Writing and checking of a pack of samples for the GENEA leaderboard, a folder or a `.zip` with a manifest."""
 
 import contextlib
+import functools
 import hashlib
 import json
 import pathlib
@@ -50,6 +51,7 @@ ZIP = ".zip"
 
 _FILE = re.compile(r"sample_([1-9][0-9]?)/([^/]+)\.npz")
 _EXPECTED = "a pack of ha2g genea: a folder or a .zip"
+_composed = functools.partial(unicodedata.normalize, "NFC")  # macOS writes a letter and its accent apart
 _ARCHIVES = (".7z", ".bz2", ".gz", ".rar", ".tar", ".tgz", ".xz", ".zst")
 _GENDERS = ("neutral", "female", "male")
 _MAX_FILES = 100_000
@@ -141,7 +143,7 @@ def _by_name(paths: list[pathlib.Path]) -> dict[str, pathlib.Path]:
     found: dict[str, pathlib.Path] = {}
     for path in paths:
         try:
-            name = unicodedata.normalize("NFC", path.stem)
+            name = _composed(path.stem)
             name.encode()
         except UnicodeEncodeError:
             raise UserError(f"{shown(path)} has a name that is not UTF-8; rename it") from None
@@ -211,8 +213,7 @@ def _check(
         for name in names:
             bar.update()
             if match := _FILE.fullmatch(name):
-                clip = unicodedata.normalize("NFC", match[2])
-                files[clip][int(match[1])] = _check_file(name, path_of, findings)
+                files[_composed(match[2])][int(match[1])] = _check_file(name, path_of, findings)
             elif name != MANIFEST:
                 findings.append(f"{shown(name)} does not belong to a pack; expected sample_K/CLIP.npz")
     numbers = {number for each in files.values() for number in each}
@@ -297,7 +298,7 @@ def _read_manifest(pack: pathlib.Path, path_of: Callable[[str], pathlib.Path]) -
         raise UserError(
             f"{MANIFEST} of {shown(pack)} is damaged or not that of a pack; write the pack again, or leave it out"
         )
-    return content["clips"]
+    return {_composed(clip): facts for clip, facts in content["clips"].items()}
 
 
 def _check_manifest(clips: Mapping[str, Any], files: Mapping[str, Mapping[int, _File]], findings: list[str]) -> None:
@@ -308,7 +309,7 @@ def _check_manifest(clips: Mapping[str, Any], files: Mapping[str, Mapping[int, _
         listed = facts.get("samples") if isinstance(facts, dict) else None
         for each in listed if isinstance(listed, list) else []:
             if isinstance(each, dict) and isinstance(each.get("file"), str):
-                expected[each.get("file")] = each.get("sha256")
+                expected[_composed(each["file"])] = each.get("sha256")
         for number, file in files.get(clip, {}).items():
             if expected.get(f"sample_{number}/{clip}.npz") != file.sha256:
                 findings.append(f"sample_{number}/{shown(clip)}.npz is not the file of {MANIFEST}")

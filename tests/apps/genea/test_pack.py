@@ -219,6 +219,10 @@ def test_names_with_accents_of_their_own_are_those_with_letters_that_have_them(p
     shutil.copy(pack / FILE, motions / "cafe\u0301.npz")
     made = write_pack(sounds, tmp_path / "made", motion=motions)
     assert check_pack(made, sounds).findings == [] and (made / "sample_1" / "caf\u00e9.npz").is_file()
+    (made / "sample_1" / "caf\u00e9.npz").rename(made / "sample_1" / "cafe\u0301.npz")
+    manifest = json.loads((made / "manifest.json").read_text())
+    (made / "manifest.json").write_text(json.dumps(manifest, ensure_ascii=False).replace("\u00e9", "e\u0301"))
+    assert check_pack(made, sounds).findings == []
 
 
 def test_a_name_that_no_archive_can_have_is_refused_before_the_work(speech, tmp_path):
