@@ -36,8 +36,8 @@ def conjugate(q: np.ndarray) -> np.ndarray:
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the cross products of vectors (..., 3), as `np.cross`, which takes longer for few of them."""
-    (ax, ay, az), (bx, by, bz) = ([v[..., k] for k in range(3)] for v in (a, b))
-    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+    yzx, zxy = [1, 2, 0], [2, 0, 1]
+    return a.take(yzx, axis=-1) * b.take(zxy, axis=-1) - a.take(zxy, axis=-1) * b.take(yzx, axis=-1)
 
 
 def rotate(q: np.ndarray, v: np.ndarray) -> np.ndarray:

@@ -6,11 +6,23 @@ each bone were scaled on its own, the hand would come apart. Directions are (T, 
 scale include those that they are attached to, and other parts stay.
 """
 
+import functools
 from typing import NamedTuple
 
 import numpy as np
 
-from ha2g_jax.motion.rotations import IDENTITY, about, between, conjugate, fit, multiply, perpendicular, rotate, unit
+from ha2g_jax.motion.rotations import (
+    IDENTITY,
+    about,
+    between,
+    conjugate,
+    cross,
+    fit,
+    multiply,
+    perpendicular,
+    rotate,
+    unit,
+)
 from ha2g_jax.motion.smoothing import slow_mean
 from ha2g_jax.skeleton import Skeleton, mirror_directions, normalize
 
@@ -29,9 +41,6 @@ _ELBOW_LIMITS = np.deg2rad(8), np.deg2rad(145)
 _WRIST_LIMITS = -np.deg2rad(70), np.deg2rad(70)
 _LEAST_HEADROOM = 1e-3
 
-# Indices of the bones that rotate together -> (T, 4) unit quaternions.
-Rotations = dict[tuple[int, ...], np.ndarray]
-
 
 class Part(NamedTuple):
     """Bones that rotate together.
@@ -49,6 +58,21 @@ class Part(NamedTuple):
     parent: int
 
 
+class Turn(NamedTuple):
+    """A rotation of a part.
+
+    Attributes:
+        part: the part.
+        bones: indices of the bones that it rotates: one, or all of a head or a hand, which then rotate one by one.
+        parent: index of the turn that it is relative to, -1 for none.
+    """
+
+    part: Part
+    bones: tuple[int, ...]
+    parent: int
+
+
+@functools.cache
 def parts(skeleton: Skeleton) -> tuple[Part, ...]:
     """Divide all bones of a skeleton into parts, each after the part it is attached to.
 
@@ -63,6 +87,7 @@ def parts(skeleton: Skeleton) -> tuple[Part, ...]:
     return (*(Part(TRUNK, "", (bone,), -1) for bone in trunk), *head, *arms)
 
 
+@functools.cache
 def arm_parts(skeleton: Skeleton, *sides: str) -> tuple[Part, ...]:
     """Return the parts of the arms, by default of both: upper arm, forearm, hand and fingers."""
     return tuple(part for part in parts(skeleton) if part.side in (sides or SIDES))
@@ -99,6 +124,11 @@ def rest_pose(skeleton: Skeleton) -> np.ndarray:
     It is the mean pose of the skeleton's data, made symmetric, with forearms and hands lowered until the forearms are
     at 65 degrees from straight down.
     """
+    return _rest_pose(skeleton).copy()
+
+
+@functools.cache
+def _rest_pose(skeleton: Skeleton) -> np.ndarray:
     mean = skeleton.mean_directions.astype(np.float64)
     pose = normalize(mean + mirror_directions(skeleton, mean))
     for side in SIDES:
@@ -110,48 +140,91 @@ def rest_pose(skeleton: Skeleton) -> np.ndarray:
     return pose.astype(np.float32)
 
 
-def rotations_from(reference: np.ndarray, directions: np.ndarray, chosen: tuple[Part, ...]) -> Rotations:
+@functools.cache
+def turns(chosen: tuple[Part, ...]) -> tuple[Turn, ...]:
+    """List the rotations of parts, each after the one it is relative to: of the bones of a head or a hand together,
+    then of each bone.
+    """
+    listed: list[Turn] = []
+    last = {-1: -1}  # turn of each bone
+    for part in chosen:
+        parent = last[part.parent]
+        if part.kind in (HEAD, HAND) and len(part.bones) > 1:
+            listed.append(Turn(part, part.bones, parent))
+            parent = len(listed) - 1
+        for bone in part.bones:
+            last[bone] = len(listed)
+            listed.append(Turn(part, (bone,), parent))
+    return tuple(listed)
+
+
+class _Layer(NamedTuple):
+    """Turns that are computed at once: of single bones at one depth, or one turn of several bones."""
+
+    turns: list[int]
+    parents: list[int]
+    bones: list[int]
+
+
+@functools.cache
+def _layers(chosen: tuple[Part, ...]) -> tuple[_Layer, ...]:
+    """Divide the turns of parts into layers, each after those of its parents."""
+    depths: list[int] = []
+    layers: dict[tuple[int, ...], _Layer] = {}
+    for index, turn in enumerate(turns(chosen)):
+        depths.append(depths[turn.parent] + 1 if turn.parent >= 0 else 0)
+        key = (depths[-1],) if len(turn.bones) == 1 else (depths[-1], index)
+        layer = layers.setdefault(key, _Layer([], [], []))
+        layer.turns.append(index)
+        layer.parents.append(turn.parent)
+        layer.bones.extend(turn.bones)
+    return tuple(layers[key] for key in sorted(layers))
+
+
+def _no_turns(frames: int, chosen: tuple[Part, ...]) -> np.ndarray:
+    """Return identities (T, turns + 1, 4), of which the last is the frame of turns without a parent."""
+    return np.tile(IDENTITY, (frames, len(turns(chosen)) + 1, 1))
+
+
+def rotations_from(reference: np.ndarray, directions: np.ndarray, chosen: tuple[Part, ...]) -> np.ndarray:
     """Compute the rotations of parts from a reference pose (bones, 3) to the poses of a motion (T, bones, 3).
 
-    They are unit quaternions (T, 4) by the indices of the bones, those of a head or a hand together. These and those of
-    upper arms are continuous over time and so may have w < 0, which stands for an angle above pi.
+    They are unit quaternions (T, turns, 4) in the order of `turns`. Those of several bones and of upper arms are
+    continuous over time and so may have w < 0, which stands for an angle above pi.
     """
     reference, poses = np.asarray(reference, np.float64), np.asarray(directions, np.float64)
-    frames: dict[int, np.ndarray] = {-1: IDENTITY}
-    rotations = {}
-    for part in chosen:
-        frame, bones = frames[part.parent], list(part.bones)
-        if part.kind in (HEAD, HAND):
-            common, _ = fit(rotate(conjugate(frame)[..., None, :], poses[:, bones]), reference[bones])
-            rotations[part.bones] = _continuous(common)
-            frame = multiply(frame, rotations[part.bones])
-        for bone in bones:
-            rotation = between(reference[bone], rotate(conjugate(frame), poses[:, bone]))
-            rotations[bone,] = _continuous(rotation) if part.kind == UPPER_ARM else rotation
-            frames[bone] = multiply(frame, rotations[bone,])
-    return rotations
+    rotations, frames = (_no_turns(len(poses), chosen) for _ in range(2))
+    for layer in _layers(chosen):
+        frame, rest = frames[:, layer.parents], reference[layer.bones]
+        seen = rotate(conjugate(frame), poses[:, layer.bones])
+        together = len(layer.bones) > len(layer.turns)
+        rotation = fit(seen, rest)[0][:, None] if together else between(rest, seen)
+        rotations[:, layer.turns], frames[:, layer.turns] = rotation, multiply(frame, rotation)
+    for index, turn in enumerate(turns(chosen)):
+        if turn.part.kind == UPPER_ARM or len(turn.bones) > 1:
+            rotations[:, index] = _continuous(rotations[:, index])
+    return rotations[:, :-1]
 
 
-def apply_rotations(reference: np.ndarray, rotations: Rotations, chosen: tuple[Part, ...]) -> dict[int, np.ndarray]:
-    """Rotate the parts of a reference pose (bones, 3) to (T, 3) by the bone, the inverse of `rotations_from`."""
+def apply_rotations(reference: np.ndarray, rotations: np.ndarray, chosen: tuple[Part, ...]) -> np.ndarray:
+    """Rotate the parts of a reference pose (bones, 3) by (T, turns, 4), the inverse of `rotations_from`.
+
+    Returns:
+        Unit vectors (T, bones, 3) of `bones_of` the parts.
+    """
     reference = np.asarray(reference, np.float64)
-    frames: dict[int, np.ndarray] = {-1: IDENTITY}
-    directions = {}
-    for part in chosen:
-        frame = frames[part.parent]
-        if part.kind in (HEAD, HAND):
-            frame = multiply(frame, rotations[part.bones])
-        for bone in part.bones:
-            frames[bone] = multiply(frame, rotations[bone,])
-            directions[bone] = rotate(frames[bone], reference[bone])
-    return directions
+    frames = _no_turns(len(rotations), chosen)
+    for layer in _layers(chosen):
+        frames[:, layer.turns] = multiply(frames[:, layer.parents], rotations[:, layer.turns])
+    of_bones = [index for index, turn in enumerate(turns(chosen)) if len(turn.bones) == 1]
+    return rotate(frames[:, of_bones], reference[bones_of(chosen)])
 
 
-def power(rotation: np.ndarray, exponent: np.ndarray) -> np.ndarray:
-    """Scale the angles of unit quaternions (T, 4) by factors (T,); one with w < 0 stands for the angle above pi."""
-    axis = rotation[:, :3]
+def power(rotations: np.ndarray, exponents: np.ndarray) -> np.ndarray:
+    """Scale the angles of unit quaternions (..., 4) by factors (...); one with w < 0 stands for the angle above pi."""
+    axis = rotations[..., :3]
     length = np.linalg.norm(axis, axis=-1, keepdims=True)
-    half = exponent[:, None] * np.arctan2(length, rotation[:, 3:])
+    half = exponents[..., None] * np.arctan2(length, rotations[..., 3:])
     return np.concatenate([axis / np.maximum(length, 1e-12) * np.sin(half), np.cos(half)], axis=-1)
 
 
@@ -174,10 +247,8 @@ def scale_about(
     rows = np.flatnonzero(scales != 1)
     result = np.array(directions, np.float32)
     if len(rows):
-        rotations = rotations_from(reference, result[rows], chosen)
-        scaled = {bones: power(rotation, scales[rows]) for bones, rotation in rotations.items()}
-        for bone, vectors in apply_rotations(reference, scaled, chosen).items():
-            result[rows, bone] = vectors
+        rotations = power(rotations_from(reference, result[rows], chosen), scales[rows, None])
+        result[rows[:, None], bones_of(chosen)] = apply_rotations(reference, rotations, chosen)
     return result
 
 
@@ -190,8 +261,7 @@ def scale_about_mean(
     """
     reference = rest_pose(skeleton).astype(np.float64)
     rotations = rotations_from(reference, directions, chosen)
-    means = {bones: slow_mean(rotation, fps, seconds) for bones, rotation in rotations.items()}
-    return _scaled(reference, directions, rotations, means, scale, chosen)
+    return _scaled(reference, directions, rotations, slow_mean(rotations, fps, seconds), scale, chosen)
 
 
 def scale_about_posture(
@@ -200,67 +270,67 @@ def scale_about_posture(
     """Scale the rotations of a motion from a pose (bones, 3) that it moves about, see `scale_about_mean`."""
     reference = rest_pose(skeleton).astype(np.float64)
     both = rotations_from(reference, np.concatenate([posture[None], directions]), chosen)
-    rotations = {bones: rotation[1:] for bones, rotation in both.items()}
-    means = {}
-    for bones, rotation in both.items():  # of the two quaternions of a rotation, the nearer one
-        is_near = np.sum(rotation[:1] * rotation[1:], axis=-1, keepdims=True) >= 0
-        means[bones] = np.where(is_near, rotation[:1], -rotation[:1])
+    mean, rotations = both[:1], both[1:]
+    is_near = np.sum(mean * rotations, axis=-1, keepdims=True) >= 0  # of the two quaternions of a rotation
+    means = np.where(is_near, mean, -mean)
     return _scaled(reference, directions, rotations, means, scale, chosen)
 
 
 def _scaled(
     reference: np.ndarray,
     directions: np.ndarray,
-    rotations: Rotations,
-    means: Rotations,
+    rotations: np.ndarray,
+    means: np.ndarray,
     scale: float,
     chosen: tuple[Part, ...],
 ) -> np.ndarray:
-    scales = _scales(reference, rotations, means, scale, chosen)
-    scaled = {
-        bones: multiply(mean, power(multiply(conjugate(mean), rotations[bones]), scales[bones]))
-        for bones, mean in means.items()
-    }
+    scales = np.full(rotations.shape[:2], min(scale, 1.0))
+    if scale > 1:
+        _raise_scales(scales, reference, rotations, means, scale, chosen)
+    scaled = multiply(means, power(multiply(conjugate(means), rotations), scales))
     result = np.array(directions, np.float32)
-    for bone, vectors in apply_rotations(reference, scaled, chosen).items():
-        result[:, bone] = vectors
+    result[:, bones_of(chosen)] = apply_rotations(reference, scaled, chosen)
     return result
 
 
-def limit_scale(scale: float, rise: np.ndarray, headroom: np.ndarray) -> np.ndarray:
+def _limit_scale(scale: float, rise: np.ndarray, headroom: np.ndarray) -> np.ndarray:
     """Limit a scale s above 1 to 1 + (s - 1) tanh(z) / z with z = (s - 1) rise / headroom.
 
-    It thus adds at most the headroom (T,) to a motion that differs from the reference by `rise` (T,).
+    It thus adds at most the headroom to a motion that differs from the reference by `rise`, an array of equal shape.
     """
-    if scale <= 1:
-        return np.full(len(rise), scale)
     z = np.maximum((scale - 1) * np.abs(rise) / np.maximum(headroom, _LEAST_HEADROOM), 1e-6)
     return 1 + (scale - 1) * np.tanh(z) / z
 
 
-def _scales(
-    reference: np.ndarray, rotations: Rotations, means: Rotations, scale: float, chosen: tuple[Part, ...]
-) -> Rotations:
-    """Return the limited scale (T,) of each rotation."""
-    scales = {bones: np.full(len(rotation), min(scale, 1.0)) for bones, rotation in rotations.items()}
-    for part in chosen:
-        if part.kind not in (TRUNK, HEAD, UPPER_ARM, FOREARM, HAND):
-            continue
-        rotation, mean = rotations[part.bones], means[part.bones]
-        farthest = _FARTHEST.get(part.kind, np.pi)
-        angle = 2 * np.arccos(np.clip(np.abs(np.sum(rotation * mean, axis=-1)), 0, 1))
-        scales[part.bones] = limit_scale(scale, angle, farthest - angle)
+def _raise_scales(
+    scales: np.ndarray,
+    reference: np.ndarray,
+    rotations: np.ndarray,
+    means: np.ndarray,
+    scale: float,
+    chosen: tuple[Part, ...],
+) -> None:
+    """Raise the scales (T, turns) of all but fingers to `scale`, limited where a joint is near its limit."""
+    raised = {
+        index: turn.part
+        for index, turn in enumerate(turns(chosen))
+        if turn.bones == turn.part.bones and turn.part.kind != FINGER
+    }
+    which = list(raised)
+    farthest = np.array([_FARTHEST.get(part.kind, np.pi) for part in raised.values()])
+    angles = 2 * np.arccos(np.clip(np.abs(np.sum(rotations[:, which] * means[:, which], axis=-1)), 0, 1))
+    scales[:, which] = _limit_scale(scale, angles, farthest - angles)
+    for index, part in raised.items():
         if part.kind in (FOREARM, HAND):
             limits = _ELBOW_LIMITS if part.kind == FOREARM else _WRIST_LIMITS
             along = reference[list(part.bones)].mean(axis=0)
-            bend, usual = (_angle(reference[part.parent], rotate(q, along)) for q in (rotation, mean))
+            bend, usual = (_angle(reference[part.parent], rotate(q[:, index], along)) for q in (rotations, means))
             headroom = np.where(bend > usual, limits[1] - bend, bend - limits[0])
-            scales[part.bones] = np.minimum(scales[part.bones], limit_scale(scale, bend - usual, headroom))
-    return scales
+            scales[:, index] = np.minimum(scales[:, index], _limit_scale(scale, bend - usual, headroom))
 
 
 def _angle(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    return np.arctan2(np.linalg.norm(np.cross(first, second), axis=-1), np.sum(first * second, axis=-1))
+    return np.arctan2(np.linalg.norm(cross(first, second), axis=-1), np.sum(first * second, axis=-1))
 
 
 def reach_farther(skeleton: Skeleton, directions: np.ndarray, amount: float) -> np.ndarray:

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ha2g_jax.motion.control.parts import Rotations, apply_rotations, power, rotations_from
+from ha2g_jax.motion.control.parts import apply_rotations, power, rotations_from
 from ha2g_jax.motion.cues.catalogue import Keyframes, limbs
 from ha2g_jax.motion.resample import slerp
 from ha2g_jax.motion.rotations import from_vector, rotate
@@ -58,7 +58,7 @@ class _Running:
     limbs: list[str]
     ramp: float | None = None
     is_planned: bool = False
-    rotations: dict[str, Rotations] = dataclasses.field(default_factory=dict)
+    rotations: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
 
 
 class RunningCues:
@@ -176,13 +176,11 @@ class RunningCues:
         reference = frame.astype(np.float64)
         reference[self._bones[limb]] = pose
         rotations = rotations_from(reference, frame[None], chosen)
-        if before := cue.rotations.get(limb):
-            rotations = {bones: q if np.sum(q * before[bones]) >= 0 else -q for bones, q in rotations.items()}
+        if limb in cue.rotations:
+            is_near = np.sum(rotations * cue.rotations[limb], axis=-1, keepdims=True) >= 0
+            rotations = np.where(is_near, rotations, -rotations)
         cue.rotations[limb] = rotations
-        left = np.array([1 - weight])
-        scaled = {bones: power(rotation, left) for bones, rotation in rotations.items()}
-        directions = apply_rotations(reference, scaled, chosen)
-        return np.concatenate([directions[bone] for bone in self._bones[limb]])
+        return apply_rotations(reference, power(rotations, np.array(1 - weight)), chosen)[0]
 
     def _slow_down(self, frame: np.ndarray, moved: set[str]) -> set[str]:
         """Turn the bones of limbs no farther than `MAX_SPEED` allows, and return the limbs that are late."""

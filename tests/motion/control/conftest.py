@@ -5,7 +5,18 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from ha2g_jax.motion.control.parts import FINGER, FOREARM, HAND, HEAD, TRUNK, UPPER_ARM, apply_rotations, parts
+from ha2g_jax.motion.control.parts import (
+    FINGER,
+    FOREARM,
+    HAND,
+    HEAD,
+    TRUNK,
+    UPPER_ARM,
+    apply_rotations,
+    bones_of,
+    parts,
+    turns,
+)
 from ha2g_jax.motion.rotations import from_vector
 from ha2g_jax.skeleton import Skeleton, normalize
 
@@ -27,7 +38,8 @@ def gestures() -> Callable[..., np.ndarray]:
                 size = _RADIANS[part.kind] * (0.2 if len(part.bones) > 1 and len(bones) == 1 else 1)
                 rotations[bones] = from_vector(size * np.sin(2 * np.pi * pace * time + phase).sum(axis=1))
         mean = normalize(skeleton.mean_directions.astype(np.float64))
-        poses = apply_rotations(mean, rotations, parts(skeleton))
-        return np.stack([poses[bone] for bone in range(skeleton.num_bones)], axis=1).astype(np.float32)
+        ordered = np.stack([rotations[turn.bones] for turn in turns(parts(skeleton))], axis=1)
+        poses = apply_rotations(mean, ordered, parts(skeleton))
+        return poses[:, np.argsort(bones_of(parts(skeleton)))].astype(np.float32)
 
     return perform
