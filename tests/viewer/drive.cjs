@@ -59,6 +59,11 @@ async function main() {
   await page.waitForFunction(() => viewer.stage.hasSticks && !viewer.stage.isStale);
   await page.screenshot({ path: path.join(folder, "dark.png") });
   await page.keyboard.press("b");
+  await page.focus("#bones");
+  await page.keyboard.press("Space");
+  seen.pressedBySpace = await page.evaluate(() => [viewer.stage.hasSticks, viewer.clock.isPlaying]);
+  await page.keyboard.press("Space");
+  await page.evaluate(() => document.activeElement.blur());
 
   // How far joints are from the edges of their parts of the page, in pixels, at any time: below 0 is outside.
   seen.inside = {};

@@ -77,6 +77,7 @@ async function refusals(browser, seen) {
   await denied.waitForFunction(running);
   seen.pictures = await denied.evaluate(() => document.querySelectorAll("img").length);
   await act(denied, seen);
+  await denied.focus("#energy");
   await denied.keyboard.press("Escape");
   seen.stopped = await says(denied, "Stopped");
   await denied.setInputFiles("#picker", { name: "a.txt", mimeType: "text/plain", buffer: Buffer.from("no sound") });
@@ -107,6 +108,10 @@ async function act(page, seen) {
 
 async function watch(browser, seen) {
   const page = await open(browser, at.frames, seen);
+  seen.bonesBefore = await page.evaluate(() => {
+    if (!live.stage) document.querySelector("#bones").click();
+    return document.querySelector("#bones").getAttribute("aria-pressed");
+  });
   await page.waitForFunction(() => live.motion && live.motion.shown > 20);
   seen.watched = await page.evaluate(() => new Promise((resolve) => {
     const draw = live.stage.draw.bind(live.stage), watched = [];

@@ -97,6 +97,7 @@ def test_nothing_is_loaded_from_anywhere(seen):
 
 def test_keys_and_pointer(seen):
     assert seen["hovered"] == "left_wrist"
+    assert seen["pressedBySpace"] == [True, False]
     keys = seen["keys"]  # from half a second, frame 7
     assert keys["."][1] == 8
     assert keys[","][1] == 7

@@ -159,6 +159,7 @@ def test_the_page_of_ha2g_live_shows_the_frames_between_their_times(seen):
         np.testing.assert_allclose(found, expected, atol=1e-3)
     shown = [watched["shown"] for watched in seen["watched"]]
     assert shown[-1] > shown[0] and not seen["watchButtons"]
+    assert seen["bonesBefore"] == "false"
 
 
 def test_it_fits_a_phone(seen):

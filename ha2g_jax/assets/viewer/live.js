@@ -13,8 +13,9 @@ class LivePage {
     find("#home").addEventListener("click", () => this.stage?.resetView());
     find("#theme").addEventListener("click", () => this.stage?.turnTheme());
     find("#bones").addEventListener("click", () => {
-      this.stage?.setLook({ hasSticks: !this.stage.hasSticks });
-      press(find("#bones"), this.stage?.hasSticks);
+      if (!this.stage) return; // it comes with the first frame
+      this.stage.setLook({ hasSticks: !this.stage.hasSticks });
+      press(find("#bones"), this.stage.hasSticks);
     });
     document.addEventListener("keydown", (event) => this.onKey(event));
     requestAnimationFrame((now) => this.tick(now));
@@ -35,7 +36,8 @@ class LivePage {
   }
 
   onKey(event) {
-    if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches("select, input")) return;
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    if (event.target.matches("select, input:not([type=range])") && event.key !== "Escape") return;
     const action = this.keys[event.key.length === 1 ? event.key.toLowerCase() : event.key];
     if (!action) return;
     event.preventDefault();

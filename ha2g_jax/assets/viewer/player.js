@@ -166,7 +166,7 @@ class Player {
 
   onKey(event) {
     if (event.ctrlKey || event.metaKey || event.altKey || this.find("dialog").open) return;
-    if (event.target.matches("select")) return;
+    if (event.target.matches("select") || (event.key === " " && event.target.matches("button"))) return;
     const press = (selector) => () => { if (!this.find(selector).hidden) this.find(selector).click(); };
     const by = event.shiftKey ? 5 : 1;
     const action = {

@@ -35,7 +35,7 @@ export function listen(page: Page): void {
     input.addEventListener("change", () => {
       const [file] = input.files ?? [];
       input.value = "";
-      if (file) void page.open(file);
+      if (file) void (selector === "#avatars" ? page.wear(file) : page.open(file));
     });
   }
   listenToDrops(page);
@@ -69,7 +69,9 @@ function listenToDrops(page: Page): void {
 
 function press(page: Page, event: KeyboardEvent): void {
   const target = event.target as Element;
-  if (event.ctrlKey || event.metaKey || event.altKey || target.matches("select, input:not(#scrub)")) return;
+  if (event.ctrlKey || event.metaKey || event.altKey) return;
+  if (target.matches("select, input:not([type=range])") && event.key !== "Escape") return;
+  if (target.matches("input:not(#scrub)") && event.key.startsWith("Arrow")) return; // they move the slider
   if (event.key === " " && target.matches("button, summary, a")) return; // it presses them
   const click = (selector: string) => () => {
     const button = document.querySelector<HTMLElement>(selector);

@@ -55,6 +55,9 @@ export class Page {
 
   constructor() {
     show(Video.isPossible, '[data-format="webm"]');
+    document.addEventListener("visibilitychange", () => {
+      if (document.hidden && this.video) void this.stop("No video was saved, because a hidden page is not drawn.", true);
+    });
     requestAnimationFrame((now) => this.tick(now));
     this.started = this.start();
   }
@@ -67,21 +70,21 @@ export class Page {
   /** Opens a file that was dropped or chosen: sound, or an avatar. */
   async open(file: File): Promise<void> {
     if (/\.vrm$/i.test(file.name)) return this.wear(file);
-    await this.work(`Reading ${file.name} ...`, async (signal) => {
-      const sound = await openSound(file, signal);
-      await this.gesture(sound, signal);
-    });
+    await this.hear(`Reading ${file.name} ...`, async () => file);
   }
 
   /** Opens the recording of the site. */
   async openExample(): Promise<void> {
-    const response = await fetch(fileOf("hello.wav")).catch(() => null);
-    if (!response?.ok) return say("The example cannot be loaded; is the network there?", true);
-    await this.open(new File([await response.blob()], "hello.wav"));
+    await this.hear("Loading the example ...", async (signal) => {
+      const response = await fetch(fileOf("hello.wav"), { signal }).catch(() => null);
+      if (!response?.ok) throw new Error("The example cannot be loaded; is the network there?");
+      return new File([await response.blob()], "hello.wav");
+    });
   }
 
   /** Shows an avatar in place of the figure. */
   async wear(file: File): Promise<void> {
+    if (this.video) return this.keepFigure();
     say(`Opening ${file.name} ...`);
     try {
       await this.model.loaded();
@@ -94,8 +97,13 @@ export class Page {
   }
 
   undress(): void {
+    if (this.video) return this.keepFigure();
     this.model.screen?.undress();
     say(this.take ? describe(this.take) : HELLO);
+  }
+
+  private keepFigure(): void {
+    say("The figure can be changed when the video is saved.", true);
   }
 
   get hasAvatar(): boolean {
@@ -252,6 +260,11 @@ export class Page {
     this.showState();
   }
 
+  /** Generates gestures for the sound of a file. */
+  private hear(text: string, fetchFile: (signal: AbortSignal) => Promise<File>): Promise<void> {
+    return this.work(text, async (signal) => this.gesture(await openSound(await fetchFile(signal), signal), signal));
+  }
+
   private async gesture(sound: Sound, signal: AbortSignal): Promise<void> {
     const gesturer = await this.model.loaded();
     signal.throwIfAborted();
@@ -291,7 +304,9 @@ export class Page {
     const { gesturer } = this.model;
     if (this.run && gesturer) this.run.stream.change({ values: this.settings.values(gesturer.description) });
     if (this.run || this.video) return;
-    const taken = this.take?.seconds == null ? null : this.take.sound;
+    const isRecording = this.take?.seconds === null;
+    if (isRecording && !this.job) return say("The motion of a recording stays; the next one will have this style.");
+    const taken = isRecording ? null : this.take?.sound;
     const sound = this.job ? this.heard : taken; // of a file that is still read, the gestures will have the new style
     if (sound) void this.work("Generating another motion ...", (signal) => this.gesture(sound, signal));
   }

@@ -22,6 +22,9 @@ export class Settings {
       this.timer = setTimeout(onstyle, PATIENCE);
     };
     for (const name of ["#speaker", "#second", "#share", "#seed"]) find(name).addEventListener("input", changed);
+    find("#seed").addEventListener("change", () => {
+      find<HTMLInputElement>("#seed").value = String(this.seed); // within the takes that there are
+    });
     find("#another").addEventListener("click", () => {
       const takes = find<HTMLInputElement>("#seed");
       takes.value = String((this.seed + 1) % (Number(takes.max) + 1));

@@ -1,6 +1,6 @@
 // Opens the site in a real browser, uses it as a person would and prints what was seen, as JSON.
 // node drive_site.cjs CHROMIUM FOLDER
-//   FOLDER has site/, newer/ (the site with another title), speech.wav, speech.mp3, stopped.wav, wicked.vrm, cut.onnx (half of
+//   FOLDER has site/, newer/ (the site with another title), speech.wav, speech.mp3, stopped.wav, wicked.vrm, avatar.glb (the same), cut.onnx (half of
 //   a model) and bad/ with files that cannot be used.
 const fs = require("fs");
 const http = require("http");
@@ -31,6 +31,7 @@ class Host {
     if (!fs.existsSync(file)) return response.writeHead(404).end();
     const type = TYPES[path.extname(file).slice(1)] || "application/octet-stream";
     const content = fs.readFileSync(file);
+    if (this.delay && name === "hello.wav") return void setTimeout(() => response.writeHead(200, { "Content-Type": type }).end(content), this.delay);
     response.writeHead(200, { "Content-Type": type, "Content-Length": content.length }).end(content);
   }
 }
@@ -146,6 +147,11 @@ async function files(browser) {
   await page.evaluate(() => { const energy = document.querySelector("#energy"); energy.value = "1.4"; energy.dispatchEvent(new Event("input")); });
   await page.waitForFunction(() => site.motion.meta.controls?.energy === 1.4 && site.motion.meta.seed === 7);
   seen.second = await directions(page);
+  await page.fill("#seed", "150");
+  await page.press("#seed", "Tab");
+  seen.lastTake = await page.inputValue("#seed");
+  await page.fill("#seed", "7");
+  await page.waitForFunction(() => site.take.motion.meta.seed === 7 && !site.isBusy && site.motion.meta.controls?.energy === 1.4);
   seen.saved = [];
   for (const format of ["npz", "bvh", "glb", "webm"]) {
     await page.click("#save summary");
@@ -166,17 +172,38 @@ async function files(browser) {
 }
 
 async function avatars(browser) {
-  const page = await open(browser);
+  const page = await open(browser, { serviceWorkers: "block" });
   await loaded(page);
   await page.click("#example");
   await page.waitForFunction(() => site.motion && !site.isBusy);
   seen.example = await status(page);
+  host.delay = 2000;
+  await page.click("#example");
+  await says(page, "Loading the example");
+  await drop(page, at("speech.wav"));
+  await wait(3);
+  await page.waitForFunction(() => !site.isBusy);
+  seen.lastAsked = await page.evaluate(() => site.take.sound.name);
+  host.delay = 0;
   await drop(page, at("wicked.vrm"));
   seen.avatar = await says(page, "Avatar: ");
   seen.images = await page.evaluate(() => document.querySelectorAll("img, script:not([src])").length);
   await wait(1);
   await picture(page, "avatar-desktop", DESKTOP);
   await faultsOf(page, "avatar");
+  await page.click("#save summary");
+  await page.click("[data-format=webm]");
+  await page.waitForFunction(() => site.video);
+  await page.keyboard.press("v");
+  seen.avatarKept = await says(page, "when the video is saved");
+  await page.evaluate(() => {
+    Object.defineProperty(document, "hidden", { value: true, configurable: true });
+    document.dispatchEvent(new Event("visibilitychange"));
+    delete document.hidden;
+  });
+  seen.hiddenVideo = await says(page, "No video");
+  await page.setInputFiles("#avatars", at("avatar.glb"));
+  seen.avatarByAnyName = await says(page, "Avatar: ");
   seen.avatarDrawn = await page.isVisible("#avatar");
   await page.click("#wear");
   seen.figureDrawn = await page.isVisible("#figure");
@@ -248,10 +275,24 @@ async function live(browser) {
   seen.state = await page.evaluate(() => site.run.stream.state);
   await wait(3);
   await picture(page, "live-phone", PHONE);
+  seen.small = {};
+  for (const [width, height] of [[320, 568], [375, 553], [667, 331], [844, 340]]) {
+    await page.setViewportSize({ width, height });
+    await wait(0.5);
+    await page.screenshot({ path: at(`live-${width}.png`) });
+    seen.small[width] = await page.evaluate(() => {
+      const reaches = (part) => { part.scrollIntoView(); const { top, bottom } = part.getBoundingClientRect(); return top < innerHeight && bottom > 0; };
+      const parts = [...document.querySelectorAll("#panel button")].filter((part) => part.offsetParent);
+      return [document.querySelector("#stage").clientHeight, parts.every(reaches), document.documentElement.scrollWidth - innerWidth];
+    });
+  }
+  await page.setViewportSize(SMALL);
   seen.facts = await page.textContent("#facts");
-  await page.focus("#stop");
-  await page.keyboard.press("Enter");
+  await page.focus("#energy");
+  await page.keyboard.press("Escape");
   await page.waitForFunction(() => site.motion && !site.isBusy);
+  await page.click("#another");
+  seen.anotherOfARecording = await says(page, "stays");
   seen.recorded = await page.evaluate(() => [site.motion.numFrames, site.take.sound.samples.length / 16000]);
   seen.recordedStatus = await status(page);
   await page.context().close();

@@ -39,6 +39,7 @@ def seen(site, tmp_path_factory):
     (folder / "cut.onnx").write_bytes(model[: len(model) // 2])
     write_speech(folder / "speech.wav", folder / "speech.mp3")
     write_avatar(folder / "wicked.vrm")
+    shutil.copy(folder / "wicked.vrm", folder / "avatar.glb")
     write_stopped(folder / "stopped.wav")
     (folder / "bad").mkdir()
     write_bad(folder / "bad")
@@ -144,6 +145,17 @@ def test_an_avatar_moves_and_its_texts_are_texts(seen):
     assert WICKED[:40] in seen["avatar"]
     assert seen["images"] == 0
     assert seen["avatarDrawn"] and seen["figureDrawn"]
+    assert WICKED[:40] in seen["avatarByAnyName"]
+
+
+def test_what_is_asked_for_last_is_what_is_shown(seen):
+    assert seen["lastAsked"] == "speech.wav"
+    assert seen["lastTake"] == "99"
+
+
+def test_a_video_shows_one_figure_and_every_image(seen):
+    assert "when the video is saved" in seen["avatarKept"]
+    assert "No video was saved" in seen["hiddenVideo"]
 
 
 def test_the_microphone_is_followed_and_recorded(seen):
@@ -154,6 +166,7 @@ def test_the_microphone_is_followed_and_recorded(seen):
     assert frames == pytest.approx(15 * seconds, abs=1)
     assert seconds > 2.5
     assert "may not be used" in seen["denied"]
+    assert "stays" in seen["anotherOfARecording"]
 
 
 def test_a_recording_is_kept_when_the_microphone_ends(seen):
@@ -183,6 +196,12 @@ def test_axe_finds_nothing_serious(seen):
 
 def test_everything_fits_on_phones_and_desktops(seen):
     assert {name: sizes for name, sizes in seen["overflow"].items() if max(sizes) > 0} == {}
+
+
+def test_in_small_windows_the_figure_is_seen_and_every_button_is_reached(seen):
+    assert len(seen["small"]) == 4
+    for height, reaches, overflow in seen["small"].values():
+        assert height >= 150 and reaches and overflow <= 0
 
 
 def test_ten_minutes_live_take_no_more_memory(seen):
