@@ -10,7 +10,7 @@ from typing import NamedTuple
 from tqdm import tqdm
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.features.media import has_sound
+from ha2g_jax.features.media import SOUND_SUFFIXES, has_sound
 from ha2g_jax.files.reading import check_regular, reading, resolved, shown, why_not_there
 from ha2g_jax.files.writing import check_kept
 from ha2g_jax.motion import formats
@@ -109,6 +109,9 @@ def _take_paths(paths: Sequence[pathlib.Path], seeds: Sequence[int]) -> tuple[pa
 def find_speech(inputs: Sequence[pathlib.Path]) -> list[pathlib.Path]:
     """Return the files of speech among the inputs, and those in folders among the inputs, in order.
 
+    In a folder, files of sound and of video with sound are speech; a file whose suffix is one of sound is, even if it
+    is damaged, so that its reader says so.
+
     Raises:
         UserError: a file cannot be opened, or a folder has no speech.
     """
@@ -139,7 +142,7 @@ def _in_folder(folder: pathlib.Path) -> list[pathlib.Path]:
     files = _files_in(folder)
     speech = _speech_among(files)
     for path in files:
-        if why := why_not_there(path):
+        if path not in speech and (why := why_not_there(path)):
             tqdm.write(f"{shown(path)} {why}", file=sys.stderr)
     if not speech:
         raise UserError(f"no file with sound in {shown(folder)}; give a folder of recordings of speech")
@@ -156,7 +159,7 @@ def _files_in(folder: pathlib.Path) -> list[pathlib.Path]:
 
 
 def _speech_among(files: Sequence[pathlib.Path]) -> list[pathlib.Path]:
-    sounds = [path for path in files if has_sound(path)]
+    sounds = [path for path in files if path.suffix.lower() in SOUND_SUFFIXES or has_sound(path)]
     results = {f"{path.stem}{_APPENDED}" for path in sounds}
     return [path for path in sounds if re.sub(rf"{_SEED}\d+$", "", path.stem) not in results]
 

@@ -132,7 +132,7 @@ SETTINGS = (
         "train.accumulate",
         1,
         whole(1),
-        "parts of a batch, a divisor of its part on a device: less memory, the same update but for dropout masks",
+        "parts of a batch, a divisor of it and, to save memory, of its part on a device: same update but for dropout",
     ),
     Setting("train.init_from", "", TEXT, 'model to start from: "demo", a folder, or hf://OWNER/NAME@REVISION'),
     Setting("train.warmup_epochs", 10, _COUNT, "epochs before the GAN term is used (D9)"),

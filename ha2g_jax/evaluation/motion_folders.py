@@ -40,6 +40,7 @@ MANIFEST = "manifest.json"
 """Name of the file of a pack that holds no motion."""
 
 _UPPER = [JOINTS.index(name) for name in rests.UPPER_BODY]
+_BEAT2_SOUNDS = "wave16k"
 _GENERATED = re.compile(r"_gestures(_seed\d+)?$")  # what `ha2g generate` puts after the name of the speech
 _PAIRS_PER_PROCESS = 32  # a process takes seconds to start
 _SHOWN = 3
@@ -92,8 +93,9 @@ def from_folders(
 
     Folders may have subfolders, which must then be the same in both. The clips of a subfolder are assumed to be cut
     from one recording; without subfolders every clip is a recording of its own. The sound of a clip is the audio file
-    with the same name beside the reference, or else beside the motion. `_gestures` at the end of a name is ignored. All
-    motion is resampled to 15 frames per second, see `motion.readers`.
+    with the same name beside the reference, in `wave16k` beside the folder of the reference (BEAT2), or beside the
+    motion. `_gestures` at the end of a name is ignored. All motion is resampled to 15 frames per second, see
+    `motion.readers`.
 
     The skeleton is "ted_expressive" or "ted_gesture", by default the first of them that the first reference file fits;
     the legacy scores need `with_audio`.
@@ -114,12 +116,17 @@ def from_folders(
     if skeleton is None:
         first = read_motion(references[min(clips.values())], **reading)
         skeleton = first.meta["skeleton"]
-    sounds = find_sounds({path.parent for path in (*motions.values(), *references.values())})
+    folders = {path.parent for path in (*motions.values(), *references.values())}
+    folders |= {side for path in references.values() if (side := path.parent.parent / _BEAT2_SOUNDS).is_dir()}
+    sounds = find_sounds(folders)
     pairs = []
     for file, clip in clips.items():
-        audio = next(
-            (sounds[key] for key in (sound_key(references[clip]), sound_key(motions[file])) if key in sounds), None
+        places = (
+            references[clip],
+            references[clip].parent.parent / _BEAT2_SOUNDS / references[clip].name,
+            motions[file],
         )
+        audio = next((sounds[key] for place in places if (key := sound_key(place)) in sounds), None)
         pairs.append(_Pair(clip, clip.rpartition("/")[0] or clip, motions[file], references[clip], audio))
     options = {"skeleton": skeleton, "reading": reading, "with_audio": with_audio}
     processes = min(os.cpu_count() or 1, 1 + len(pairs) // _PAIRS_PER_PROCESS)

@@ -25,6 +25,8 @@ _FORMATS = (
     *("mov", "mp3", "mp4", "mpc", "mpc8", "mpeg", "mpegts", "mpegvideo", "mxf", "nut", "obu", "ogg", "rm", "tak"),
     *("truehd", "tta", "voc", "w64", "wav", "webm", "wtv", "wv"),
 )
+SOUND_SUFFIXES = (".wav", ".flac", ".mp3", ".m4a", ".aac", ".ogg", ".opus", ".wma", ".aiff", ".aif")
+"""Suffixes of files that hold sound alone, in order of preference."""
 MEDIA_ERRORS = (FFmpegError, OSError, ValueError, ArithmeticError, LookupError)
 """Exceptions that PyAV raises for damaged files."""
 _MAX_PACKET_VALUES = 1 << 23  # samples of all channels, four times as many as the longest packet of a real codec

@@ -87,11 +87,12 @@ def measure(config: Config, sources: Sequence[str] = ()) -> dict[str, Any]:
     """
     talk_path(config.data.path)
     corpus = inputs.open_corpus(config)
-    models = [{"name": "new"} | _measure(config, corpus, None)]
-    for source in sources:
-        model = model_folder.load(source)
+    trained = {source: model_folder.load(source) for source in sources}
+    for source, model in trained.items():
         if model.config.method != config.method:
             raise UserError(f"{source} is a model of {model.config.method}, but the config of {config.method}")
+    models = [{"name": "new"} | _measure(config, corpus, None)]
+    for source, model in trained.items():
         own = config.copy_and_resolve_references()
         with own.unlocked():
             own.model = model.config.model
@@ -127,7 +128,10 @@ def _measure(config: Config, corpus: Corpus, trained: tuple[str, dict[str, Any]]
         source, variables = trained
         found, expected = (jax.tree.map(jnp.shape, tree) for tree in (variables, state.generator.variables))
         if found != expected:
-            raise UserError(f"{source} was trained for other words or speakers than those of {corpus.path}")
+            raise UserError(
+                f"{source} has networks of other sizes: it was trained for other words or speakers than those of "
+                f"{corpus.path}, or with another data.mirror"
+            )
         state = state.replace(generator=state.generator.replace(**jax.tree.map(jnp.asarray, variables)))
     try:
         with stage("compiling the gradients of the terms, which takes minutes on a CPU"):

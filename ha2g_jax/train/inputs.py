@@ -41,7 +41,8 @@ def open_corpus(config: Config) -> Corpus:
     if found != expected:
         raise UserError(
             f"{corpus.path} has skeleton {found[0]} at {found[1]:g} fps, "
-            f"the config {expected[0]} at {expected[1]:g} fps: choose a config that fits the data"
+            f"the config {expected[0]} at {expected[1]:g} fps: choose a config that fits the data, "
+            f"or set --config.skeleton={found[0]} --config.data.fps={found[1]:g}"
         )
     return corpus
 

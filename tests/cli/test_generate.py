@@ -234,6 +234,14 @@ def test_a_mistake_is_one_line_and_leaves_nothing(debug_folder, speech, bad_file
     assert sorted(tmp_path.rglob("*")) == before
 
 
+def test_a_damaged_recording_of_a_folder_fails_and_the_others_are_done(speech, debug_folder, tmp_path, capsys):
+    (speech.parent / "damaged.m4a").write_bytes(speech.read_bytes()[:20])
+    out = ["--out", str(tmp_path / "out"), "--format", "npz", "--checkpoint", str(debug_folder)]
+    assert generate(str(speech.parent), *out) == 2
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["speech_gestures.npz"]
+    assert "damaged.m4a failed: " in capsys.readouterr().err
+
+
 @pytest.fixture
 def recordings(speech):
     """A folder with two recordings, notes, what is hidden, a folder, and the result of an earlier run."""

@@ -106,6 +106,13 @@ def test_sound_may_lie_beside_the_motion_and_is_missed_where_it_is_not(write):
     assert second.onsets is None and second.audio is None
 
 
+def test_the_sound_of_beat2_lies_in_a_folder_beside_that_of_its_motion(write):
+    motion, reference = write("motion", ["a"]), write("beat2/smplxflame_30", ["a"])
+    write_sound(reference.parent / "wave16k" / "a.wav")
+    (clip,) = from_folders(motion, reference).reference
+    assert clip.onsets is not None
+
+
 def test_a_reference_is_as_long_as_its_sound(write):
     motion, reference = write("motion", ["a"]), write("reference", ["a"])
     write_sound(reference / "a.wav", 3)

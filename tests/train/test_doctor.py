@@ -10,6 +10,7 @@ import pytest
 from ha2g_jax import cli
 from ha2g_jax.config import presets
 from ha2g_jax.config import settings as configs
+from ha2g_jax.errors import UserError
 from ha2g_jax.train import describe, doctor, gradients
 from ha2g_jax.train.measure import Memory
 
@@ -163,6 +164,12 @@ def test_the_terms_and_their_sum_are_those_of_the_step(objective, step, state, b
     assert [name for name in names if not has_output[name]] == ["kld", "contrastive", "angle"]
     has_gradient = dict(zip(names, found.parameters[:-1] > 0, strict=True))
     assert [name for name in names if not has_gradient[name]] == ["angle"]  # whose weight is 0
+
+
+def test_a_source_that_is_not_there_is_refused_before_anything_is_measured(config, monkeypatch):
+    monkeypatch.setattr(gradients, "_measure", lambda *_: pytest.fail("measured"))
+    with pytest.raises(UserError, match="no model in nowhere"):
+        gradients.measure(config, ["nowhere"])
 
 
 def test_the_command_prints_gradients_as_a_table(config_file, capsys):

@@ -325,7 +325,11 @@ def _check_speech(speech: pathlib.Path, files: Mapping[str, Mapping[int, _File]]
     findings += [f"{shown(clip)} has no motion" for clip in paths if clip not in files]
     findings += [f"{shown(clip)} has no speech in {shown(speech)}" for clip in files if clip not in paths]
     for clip in files.keys() & paths.keys():
-        seconds = read_speech(paths[clip]).duration
+        try:
+            seconds = read_speech(paths[clip]).duration
+        except UserError as error:
+            findings.append(str(error))
+            continue
         frames = {file.frames for file in files[clip].values() if file.frames}
         if wrong := frames - {num_frames(seconds, FPS)}:
             findings.append(

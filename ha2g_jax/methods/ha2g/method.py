@@ -228,9 +228,6 @@ def _in_parts(function: Any, count: int, key: jax.Array, clips: Any) -> Any:
     divides the clips of a device. Else a part is gathered on every device, which costs the memory that parts save.
     """
 
-    def part(_: None, inputs: Any) -> tuple[None, Any]:
-        return None, function(*inputs)
-
     def divide(x: jax.Array) -> jax.Array:
         return jnp.moveaxis(x.reshape(len(x) // count, count, *x.shape[1:]), 1, 0)
 
@@ -239,4 +236,5 @@ def _in_parts(function: Any, count: int, key: jax.Array, clips: Any) -> Any:
 
     inputs = (jax.random.split(key, count), jax.tree.map(divide, clips))
     # The loop itself keeps the forward pass and its recomputation apart; optimisation barriers would only cost time.
-    return jax.tree.map(join, jax.lax.scan(jax.checkpoint(part, prevent_cse=False), None, inputs)[1])
+    part = jax.checkpoint(lambda inputs: function(*inputs), prevent_cse=False)
+    return jax.tree.map(join, jax.lax.map(part, inputs))

@@ -10,7 +10,7 @@ import numpy as np
 from ha2g_jax.errors import UserError
 from ha2g_jax.features import words as transcripts
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
-from ha2g_jax.features.media import sound_after_images
+from ha2g_jax.features.media import SOUND_SUFFIXES, sound_after_images
 from ha2g_jax.features.text import Word
 from ha2g_jax.features.words.timing import inside
 from ha2g_jax.files.reading import files_below, folded, reading, resolved, shown
@@ -20,10 +20,7 @@ from ha2g_jax.motion.readers.bvh import USUAL_RATES
 from ha2g_jax.motion.readers.smplx_arrays import is_embody
 
 # In order of preference, if several files lie beside a motion file.
-AUDIO_SUFFIXES = (
-    *(".wav", ".flac", ".mp3", ".m4a", ".aac", ".ogg", ".opus", ".wma", ".aiff", ".aif"),
-    *(".mp4", ".mov", ".mkv", ".webm", ".avi"),
-)
+AUDIO_SUFFIXES = (*SOUND_SUFFIXES, ".mp4", ".mov", ".mkv", ".webm", ".avi")
 
 _EMBODY_AUDIO = "separated_audio"
 _MAX_DIFFERENCE = 0.5  # seconds between the ends of motion and audio without a warning
