@@ -181,11 +181,6 @@ def _layers(chosen: tuple[Part, ...]) -> tuple[_Layer, ...]:
     return tuple(layers[key] for key in sorted(layers))
 
 
-def _no_turns(frames: int, chosen: tuple[Part, ...]) -> np.ndarray:
-    """Return identities (T, turns + 1, 4), of which the last is the frame of turns without a parent."""
-    return np.tile(IDENTITY, (frames, len(turns(chosen)) + 1, 1))
-
-
 def rotations_from(reference: np.ndarray, directions: np.ndarray, chosen: tuple[Part, ...]) -> np.ndarray:
     """Compute the rotations of parts from a reference pose (bones, 3) to the poses of a motion (T, bones, 3).
 
@@ -193,7 +188,8 @@ def rotations_from(reference: np.ndarray, directions: np.ndarray, chosen: tuple[
     continuous over time and so may have w < 0, which stands for an angle above pi.
     """
     reference, poses = np.asarray(reference, np.float64), np.asarray(directions, np.float64)
-    rotations, frames = (_no_turns(len(poses), chosen) for _ in range(2))
+    rotations = np.empty((len(poses), len(turns(chosen)), 4))
+    frames = _unturned(rotations)
     for layer in _layers(chosen):
         frame, rest = frames[:, layer.parents], reference[layer.bones]
         seen = rotate(conjugate(frame), poses[:, layer.bones])
@@ -203,7 +199,12 @@ def rotations_from(reference: np.ndarray, directions: np.ndarray, chosen: tuple[
     for index, turn in enumerate(turns(chosen)):
         if turn.part.kind == UPPER_ARM or len(turn.bones) > 1:
             rotations[:, index] = _continuous(rotations[:, index])
-    return rotations[:, :-1]
+    return rotations
+
+
+def _unturned(rotations: np.ndarray) -> np.ndarray:
+    """Return the identity for each of (T, turns, 4) rotations and, at index -1, for what a turn without parent has."""
+    return np.tile(IDENTITY, (rotations.shape[0], rotations.shape[1] + 1, 1))
 
 
 def apply_rotations(reference: np.ndarray, rotations: np.ndarray, chosen: tuple[Part, ...]) -> np.ndarray:
@@ -213,7 +214,7 @@ def apply_rotations(reference: np.ndarray, rotations: np.ndarray, chosen: tuple[
         Unit vectors (T, bones, 3) of `bones_of` the parts.
     """
     reference = np.asarray(reference, np.float64)
-    frames = _no_turns(len(rotations), chosen)
+    frames = _unturned(rotations)
     for layer in _layers(chosen):
         frames[:, layer.turns] = multiply(frames[:, layer.parents], rotations[:, layer.turns])
     of_bones = [index for index, turn in enumerate(turns(chosen)) if len(turn.bones) == 1]
