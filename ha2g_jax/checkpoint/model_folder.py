@@ -68,11 +68,12 @@ def load_path(path: str | os.PathLike, expected: str) -> LoadedModel:
     path = pathlib.Path(path)
     with reading(path, f"a model: {expected}"):
         is_folder, exists = (path / WEIGHTS).is_file(), path.exists()
-        workdirs = [folder for folder in (path, path.parent, path.parent.parent) if _is_workdir(folder)]
+        whole = path.absolute()
+        workdirs = [folder for folder in (whole, whole.parent, whole.parent.parent) if _is_workdir(folder)]
     if is_folder:
         return read(path)
     if workdirs:
-        return _load_checkpoint(workdirs[0], path)
+        return _load_checkpoint(workdirs[0], whole)
     if exists and path.suffix.lower() == ".onnx":
         raise UserError(f"{shown(path)} is for ha2g generate alone; give the model that it was exported from")
     found = f"{WEIGHTS} is missing" if exists else "nothing is there"

@@ -130,7 +130,7 @@ class Corpus:
         path = pathlib.Path(path)
         check_utf8(path)
         file = path / FILE
-        with reading(file, "the description of a corpus", LookupError, TypeError):
+        with reading(file, "the description of a corpus", LookupError, TypeError, AttributeError):
             if not file.is_file():
                 raise UserError(
                     f"no corpus in {shown(path)}: {FILE} is missing; make one with `ha2g data` (see its --help)"
@@ -143,7 +143,10 @@ class Corpus:
                 )
             for shard in (shard for entry in metadata["splits"].values() for shard in entry["shards"]):
                 _check_size(path / shard["name"], shard["bytes"])
-        return cls(path, metadata)
+            corpus = cls(path, metadata)
+            _ = (corpus.skeleton, float(corpus.fps), corpus.speakers, dict(metadata["words"]))  # all are there
+            _ = [(entry["clips"], entry["windows"], entry["speakers"]) for entry in metadata["splits"].values()]
+        return corpus
 
     @property
     def fps(self) -> float:

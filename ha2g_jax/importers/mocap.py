@@ -18,6 +18,7 @@ from ha2g_jax.data.processes import parallel_map
 from ha2g_jax.data.recording import MOCAP, Recording, Report, SplitReport, cut, to_clips
 from ha2g_jax.data.records import Clip
 from ha2g_jax.errors import UserError
+from ha2g_jax.features import words as transcripts
 from ha2g_jax.files.reading import files_below, resolved, shown
 from ha2g_jax.motion.readers import Reading, joint_maps
 from ha2g_jax.motion.readers.body import UPS, check_stated
@@ -26,6 +27,7 @@ from ha2g_jax.motion.readers.recordings import (
     AUDIO_SUFFIXES,
     MotionRecording,
     compare_lengths,
+    find_audio,
     find_embody,
     find_recordings,
     read_speech,
@@ -178,23 +180,28 @@ def _read_smplx(path: pathlib.Path, options: ImportOptions, body: Body, stated: 
 
 
 def _with_folders_of_beat(recordings: list[MotionRecording], root: pathlib.Path) -> list[MotionRecording]:
-    """Add audio and words from other folders to the recordings, if exactly one file has the name."""
+    """Add audio and words from other folders to recordings without them, if exactly one file there has the name.
+
+    A file beside motion of its own name belongs to that motion alone.
+    """
+    owned = {(recording.path.parent, recording.path.stem) for recording in recordings}
     found: dict[tuple[str, bool], list[pathlib.Path]] = collections.defaultdict(list)
     for path in sorted(files_below(root)):
         suffix = path.suffix.lower()
-        if suffix in AUDIO_SUFFIXES or suffix == _TIMED_WORDS:
+        if (suffix in AUDIO_SUFFIXES or suffix == _TIMED_WORDS) and (path.parent, path.stem) not in owned:
             found[path.stem, suffix == _TIMED_WORDS].append(path)
 
-    def elsewhere(recording: MotionRecording, is_words: bool) -> pathlib.Path | None:
-        paths = found[recording.path.stem, is_words]
-        return paths[0] if len(paths) == 1 and paths[0].parent != recording.path.parent else None
-
-    return [
-        recording._replace(
-            audio=recording.audio or elsewhere(recording, False), words=recording.words or elsewhere(recording, True)
+    def with_files(recording: MotionRecording) -> MotionRecording:
+        path = recording.path
+        audio = recording.audio or find_audio(path)
+        words = recording.words or transcripts.find(path, is_alone=recording.is_alone)
+        sounds, texts = (found[path.stem, is_words] for is_words in (False, True))
+        return recording._replace(
+            audio=audio or (sounds[0] if len(sounds) == 1 else None),
+            words=words or (texts[0] if len(texts) == 1 else None),
         )
-        for recording in recordings
-    ]
+
+    return [with_files(recording) for recording in recordings]
 
 
 def _with_speaker_of_name(recording: MotionRecording) -> MotionRecording:

@@ -68,7 +68,7 @@ def slow_mean(poses: np.ndarray, fps: float, seconds: float) -> np.ndarray:
     """
     poses = np.asarray(poses, np.float64)
     reach = math.ceil(seconds * fps / 2) - 1
-    if reach < 1:
+    if reach < 1 or not len(poses):
         return poses
     padded = np.pad(poses, ((reach, reach), *((0, 0),) * (poses.ndim - 1)))
     return _to_unit(_sums(padded, _weights(reach, seconds * fps)), poses)

@@ -120,6 +120,15 @@ def test_vocabulary_is_ordered_by_counts(path):
     assert Corpus.open(path).vocabulary() == Vocabulary(("c", "a", "b"))
 
 
+@pytest.mark.parametrize("key", ["splits", "statistics", "fps", "speakers", "skeleton", "words"])
+@pytest.mark.parametrize("value", [None, 3.5])
+def test_a_description_that_is_damaged_is_one_line(path, key, value):
+    values = {key: value} if value and key != "fps" else {key: "fast"}
+    edit(path, lambda data: data.update(values) if value else data.pop(key))
+    with pytest.raises(UserError, match=r"^.*dataset\.json.*$"):
+        Corpus.open(path)
+
+
 def test_damaged_shard(path):
     """A shortened shard is refused at once, one with other bytes when its clip is read."""
     shard = path / "test-00000.array_record"

@@ -92,6 +92,24 @@ def test_the_sound_that_is_named_is_that_of_a_single_file(tmp_path):
     np.testing.assert_allclose(clip.audio, 0.25, atol=1e-3)
 
 
+def test_sound_and_words_of_motion_of_the_same_name_are_not_taken(tmp_path, caplog):
+    monday, tuesday = (tmp_path / "in" / day / "take" for day in ("monday", "tuesday"))
+    for take in (monday, tuesday):
+        _motion(take.with_suffix(".npz"))
+        _speech(take.with_suffix(".wav"), take.with_suffix(".TextGrid"))
+    monday.with_suffix(".TextGrid").unlink()
+    times = (f"00:00:0{number},000 --> 00:00:0{number + 1},000" for number in range(SECONDS))
+    texts = [f"1\n{time}\n{word}\n" for time, word in zip(times, reversed(WORDS), strict=True)]
+    monday.with_suffix(".srt").write_text("\n".join(texts))
+    import_smplx(tmp_path / "in", tmp_path / "out")
+    first, second = Corpus.open(tmp_path / "out").clips("train")
+    assert (first.words[0].text, second.words[0].text) == ("again", "we")
+    monday.with_suffix(".wav").unlink()
+    with caplog.at_level(logging.WARNING):
+        import_smplx(tmp_path / "in", tmp_path / "without")
+    assert "monday/take.npz has no audio" in caplog.text
+
+
 def test_frames_that_a_file_marks_as_bad_are_left_out(tmp_path):
     _speech(tmp_path / "in" / "a.wav", tmp_path / "in" / "a.TextGrid")
     _motion(tmp_path / "in" / "a.npz", is_good=np.arange(30 * SECONDS) < 30 * 4)

@@ -62,6 +62,10 @@ def test_a_width_that_is_none_is_refused(seconds):
         smooth(turning(30), 15, seconds)
 
 
+def test_no_frames_have_a_slow_mean_of_no_frames():
+    assert slow_mean(np.zeros((0, 9, 4)), 15, 4).shape == (0, 9, 4)
+
+
 def test_the_slow_mean_is_the_middle_of_a_sway():
     angle = 0.3 * np.sin(2 * np.pi * np.arange(300) / 15)
     sway = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)[:, None]

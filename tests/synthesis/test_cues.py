@@ -42,6 +42,7 @@ def test_an_arm_at_rest_makes_the_cue_all_the_same(debug_model, controls):
         (Cue("nod"), "neither a time nor a word"),
         (Cue("nod", 4.1), "after the end of the motion at 4 s"),
         (Cue("nod", word="four"), "'four' of the cue nod is not spoken"),
+        (Cue("nod", word=4), "give a Cue"),
         (Cue("clip:nowhere.bvh", 1.0), "nowhere.bvh"),
     ],
 )

@@ -76,6 +76,13 @@ def test_a_run_writes_metrics_and_checkpoints(run):
     assert list((run / "tensorboard").iterdir())
 
 
+def test_a_checkpoint_is_found_by_any_path(run, monkeypatch):
+    expected = model_folder.load(run / "best").assets.hash
+    (step,) = _steps(run / "best")
+    monkeypatch.chdir(run / "best")
+    assert {model_folder.load(path).assets.hash for path in (".", step, "../best")} == {expected}
+
+
 def test_losses_of_the_first_steps_are_those_of_earlier_versions(run):
     """A refactoring that changes a draw, a default or a term shows here; the numbers are of talk-v4."""
     lines = {line["step"]: line for line in read_metrics(run / "metrics.jsonl")}

@@ -5,6 +5,7 @@ import collections
 import itertools
 import logging
 import math
+import threading
 from collections.abc import Awaitable, Callable
 from functools import partial
 from typing import Any
@@ -45,6 +46,7 @@ class PacedStream:
         self._changes: list[Callable[[], Any]] = []
         self._ticks = self._shown = 0  # frames whose time has come, and those that were shown
         self._begun = 0.0
+        self._at_work = threading.Lock()
         self._frames: collections.deque[np.ndarray] = collections.deque()  # that are not shown yet
 
     def say(self, pcm: bytes, rate: int) -> float:
@@ -118,7 +120,7 @@ class PacedStream:
             try:
                 await asyncio.shield(computing)
             except asyncio.CancelledError:
-                await asyncio.wait([computing])  # so that two runs never use the stream at once
+                await asyncio.wait([computing])  # so that the next run finds its frames, if it is not cancelled again
                 raise
             while self._shown <= tick - delay:  # more than one after a run that was cancelled in between
                 self._shown += 1
@@ -128,12 +130,13 @@ class PacedStream:
         return ticks * SAMPLE_RATE // self._stream.fps
 
     def _advance(self, changes: list[Callable[[], Any]], own: np.ndarray, other: np.ndarray) -> None:
-        for change in changes:
-            try:
-                change()
-            except UserError as error:  # the body goes on without it
-                _logger.warning("%s", error)
-        self._frames.extend(self._stream.feed(own, other))
+        with self._at_work:  # the computation of a run that was cancelled may go on
+            for change in changes:
+                try:
+                    change()
+                except UserError as error:  # the body goes on without it
+                    _logger.warning("%s", error)
+            self._frames.extend(self._stream.feed(own, other))
 
 
 class _Voice:

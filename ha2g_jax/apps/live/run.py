@@ -118,7 +118,6 @@ def _follow(
     clock, meter = Clock(), Meter(latency)
     rigs = Rigs(stream.skeleton, fps, [sink.rig for sink in sinks.senders])
     timeline = Timeline(latency + _REMEMBERED_SECONDS)
-    sender = Sender(sinks.senders, fps, delay if source.is_timed else None, stream.hop / stream.fps, clock, meter)
     numbers = itertools.count()
     most = round(MAX_MOTION_SECONDS * stream.fps)  # frames of a recording
 
@@ -140,7 +139,12 @@ def _follow(
             sender.put(frame, stop)
 
     held = delay - latency - _READY if source.is_timed else 0.0
-    with progress_bar("live") as bar, contextlib.closing(source.chunks(clock, stop)) as chunks:
+    wanted = delay if source.is_timed else None
+    with (
+        contextlib.closing(Sender(sinks.senders, fps, wanted, stream.hop / stream.fps, clock, meter)) as sender,
+        progress_bar("live") as bar,
+        contextlib.closing(source.chunks(clock, stop)) as chunks,
+    ):
         shown = clock.now()
         for chunk in held_back(chunks, held, clock) if held > 0 else chunks:
             timeline.add(len(chunk.samples), chunk.heard)

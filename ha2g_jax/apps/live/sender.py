@@ -121,10 +121,14 @@ class Sender:
         self.put(None, stop)
         while self._thread.is_alive() and not stop.is_asked():
             self._thread.join(_POLL)
-        self._stop.ask()
-        self._thread.join()
+        self.close()
         if self._error is not None:
             raise self._error
+
+    def close(self) -> None:
+        """End the thread; frames that wait are not sent."""
+        self._stop.ask()
+        self._thread.join()
 
     def _run(self) -> None:
         try:

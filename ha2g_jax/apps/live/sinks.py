@@ -103,8 +103,9 @@ class _Page:
         with contextlib.suppress(queue.Full):
             self.messages.put_nowait(text)
             return True
-        self.full_since = self.full_since or time.monotonic()
-        return time.monotonic() - self.full_since < _SILENT
+        now = time.monotonic()
+        since = self.full_since = self.full_since or now  # which `send` may reset at any time
+        return now - since < _SILENT
 
     def drop(self, sink: str) -> None:
         """End the connection, for which a thread may be waiting, and say so."""

@@ -139,8 +139,8 @@ def _report(found: str, which: str, recorded: str | None) -> None:
         _logger.warning("%s, %s; choose one by FILE#NAME", found, which)
         return
     raise UserError(
-        f"{found}, and the recording is of {recorded[:40]!r}; leave the words of one in the file, or give the "
-        "recording's speaker the same name"
+        f"{found}, and the recording is of {recorded[:40]!r}; leave the words of one in the file, give the "
+        "recording's speaker the same name, or choose one for a single recording by --words FILE#NAME"
     )
 
 

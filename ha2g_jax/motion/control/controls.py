@@ -91,9 +91,11 @@ def check(controls: Controls, skeleton: Skeleton, duration: float = math.inf) ->
                 "a pose of the motion's skeleton"
             )
         pose = pinned.pose
-        if pose is not None and not (pose.shape == (skeleton.num_bones, 3) and np.isfinite(pose).all()):
+        if pose is not None and not (
+            pose.shape == (skeleton.num_bones, 3) and np.isfinite(pose).all() and np.linalg.norm(pose, axis=-1).all()
+        ):
             raise UserError(
-                f"the pose {pinned.name} has the shape {pose.shape}, or numbers that are not finite; expected "
+                f"the pose {pinned.name} has the shape {pose.shape}, or vectors that are not finite or 0; expected "
                 f"({skeleton.num_bones}, 3) of {skeleton.name}"
             )
 

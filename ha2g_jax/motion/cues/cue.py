@@ -92,7 +92,7 @@ def check_cue(cue: Cue | str) -> Cue:
         UserError: the value is not a cue, there is no such gesture, or the time is not a number of seconds.
     """
     cue = Cue(cue) if isinstance(cue, str) else cue
-    if not (isinstance(cue, Cue) and isinstance(cue.name, str)):
+    if not (isinstance(cue, Cue) and isinstance(cue.name, str) and isinstance(cue.word, str | None)):
         raise UserError(f"a cue is {cue!r}; give a Cue, such as Cue('nod', 1.5)")
     name = check_name(cue.name)
     message = f"the time of the cue {shown(name)} is {cue.time!r}; expected seconds from 0 on"

@@ -23,8 +23,9 @@ from typing import Any, NamedTuple, TypedDict, Unpack
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ha2g_jax.errors import UserError
+from ha2g_jax.errors import UserError, check_number
 from ha2g_jax.files.reading import naming, reason, shown
+from ha2g_jax.limits import MAX_MOTION_FPS, MIN_MOTION_FPS
 from ha2g_jax.motion.armature import export_axes, world
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.readers import array_files, bvh_motion, joint_maps, smplx, smplx_arrays, trees
@@ -91,13 +92,16 @@ def read_motion(
 
     Raises:
         UserError: the file cannot be read, is of an unknown kind, holds no motion, or lacks joints of the skeleton; or
-            there is no such skeleton.
+            there is no such skeleton, or the rate is out of range.
     """
     if skeleton not in (None, *SKELETONS):
         raise UserError(f"no skeleton {skeleton!r}; expected {' or '.join(SKELETONS)}")
     path = pathlib.Path(path)
     options = _Options(skeleton, fps, **reading)
     check_stated(options.source_fps, options.unit)
+    if fps is not None:
+        message = f"{fps} frames per second of the result; expected {MIN_MOTION_FPS} to {MAX_MOTION_FPS}"
+        check_number(fps, MIN_MOTION_FPS, MAX_MOTION_FPS, message)
     content = read_content(path)
     motion = _reader_of(content)(content, options)
     with naming(path):

@@ -128,7 +128,7 @@ def read_speech(recording: MotionRecording, *, with_words: bool) -> tuple[np.nda
         UserError: there is no audio, a required transcript is missing, or a file cannot be read.
     """
     name, stem = shown(recording.path), shown(recording.path.stem)
-    path = recording.audio or _find_audio(recording.path)
+    path = recording.audio or find_audio(recording.path)
     if path is None:
         raise UserError(
             f"{shown(recording.path)} has no audio; put {recording.path.stem}.wav beside it or give it (--audio)"
@@ -199,7 +199,8 @@ def other_rate(motion: float, fps: float | None, sound: float) -> str:
     )
 
 
-def _find_audio(path: pathlib.Path) -> pathlib.Path | None:
+def find_audio(path: pathlib.Path) -> pathlib.Path | None:
+    """Find the sound in the folder of a motion file, with its stem or its stem up to a dot; None if there is none."""
     beside = {folded(file.name): file for file in sorted(path.parent.iterdir(), reverse=True) if file.is_file()}
     stem = path.stem
     while stem:

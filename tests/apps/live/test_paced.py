@@ -143,6 +143,9 @@ def test_runs_that_are_cancelled_while_they_compute_leave_the_frames_in_time():
             while stream.num_feeds <= number:
                 await asyncio.sleep(0.001)
             task.cancel()
+            if number % 2:  # cancelled again while it waits for the computation
+                await asyncio.sleep(0.001)
+                task.cancel()
             await asyncio.gather(task, return_exceptions=True)
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(0.3):

@@ -1,5 +1,6 @@
 """`ha2g live` from sound to files and receivers: what is recorded, when it ends, and how Ctrl-C ends it."""
 
+import contextlib
 import json
 import os
 import signal
@@ -14,7 +15,8 @@ from apps.live.standins import FPS, FakeStream, poses
 from ha2g_jax import cli, synthesis
 from ha2g_jax.apps.live import run, sources
 from ha2g_jax.apps.live.pieces import Change, Chunk
-from ha2g_jax.apps.live.sinks import Sinks
+from ha2g_jax.apps.live.sinks import Sinks, open_sinks
+from ha2g_jax.errors import UserError
 from ha2g_jax.motion.cues import MOST, Cue
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.windows import DEFAULT_HOP, DEFAULT_LOOK_AHEAD
@@ -69,6 +71,20 @@ def test_a_cue_too_many_is_one_line_and_the_run_goes_on(debug_model, capsys):
 
     assert run.run(debug_model, Source(), Sinks((), ())).computed == 15
     assert capsys.readouterr().err.count("64 cues wait to be made; give nod when one of them has begun") == 1
+
+
+def test_a_source_that_fails_leaves_no_thread(debug_model, free_port):
+    class Source:
+        name, is_timed, lost_seconds = "a test", False, 0.0
+
+        def chunks(self, clock, stop):
+            yield Chunk(np.zeros(16000, np.float32), 0.0)
+            raise UserError("the sound is damaged")
+
+    before = {*threading.enumerate()}
+    with contextlib.ExitStack() as stack, pytest.raises(UserError, match="damaged"):
+        run.run(debug_model, Source(), open_sinks([f"udp://127.0.0.1:{free_port()}"], stack, "ha2g"))
+    assert not [it.name for it in {*threading.enumerate()} - before if it.name.endswith("(_run)")]
 
 
 def test_with_a_delay_a_clear_drops_sound_whose_frames_have_not_been_sent(speaking_model, clock, monkeypatch):

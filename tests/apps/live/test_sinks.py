@@ -8,6 +8,7 @@ import socket
 import subprocess
 import sys
 import time
+import types
 import urllib.error
 import urllib.request
 
@@ -118,6 +119,14 @@ def test_a_page_that_does_not_read_is_dropped_by_name(make_frames, free_port, mo
         assert capsys.readouterr().err.splitlines()[1:] == [
             f"{url} drops the page at 127.0.0.1, port {port}, which does not read"
         ]
+
+
+def test_a_page_may_read_again_while_it_is_asked_whether_it_reads(monkeypatch):
+    page = sinks._Page(types.SimpleNamespace(send=str, request=types.SimpleNamespace(path=""), remote_address=("", 0)))
+    while not page.messages.full():
+        page.put("")
+    monkeypatch.setattr(sinks, "time", types.SimpleNamespace(monotonic=lambda: page.send("") or 0.0))
+    assert page.put("") and page.put("")
 
 
 def test_a_run_ends_although_a_page_does_not_read(make_frames, free_port, monkeypatch):

@@ -41,6 +41,7 @@ MISTAKES = {
     "late": (Controls(pins=(Pin(13, 14),)), "after the end of the motion at 12.0333 s"),
     "overlap": (Controls(pins=(Pin(2, 4), Pin(3, 5))), "overlaps the one at 3 s"),
     "skeleton": (Controls(pins=(Pin(1, 2, None, "wave", "other"),)), "wave has the skeleton other"),
+    "pose": (Controls(pins=(Pin(1, 2, np.zeros((9, 3)), "wave"),)), "vectors that are not finite or 0"),
 }
 
 

@@ -87,6 +87,12 @@ def test_every_kind_is_read(kind, files):
     assert (motion.num_frames, motion.fps) == (FRAMES, 30)
 
 
+@pytest.mark.parametrize("fps", [np.inf, 1e9, 0])
+def test_a_rate_that_no_motion_has_is_refused(fps, files):
+    with pytest.raises(UserError, match=r"frames per second of the result; expected 0\.1 to 1000"):
+        read_motion(files["BVH"], fps=fps)
+
+
 @pytest.mark.parametrize(
     "kind", ["own", "BEAT2", "BVH", "glTF", "directions", "TED-Gesture positions", "named positions"]
 )
