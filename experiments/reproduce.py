@@ -51,7 +51,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.charts import markdown
 from ha2g_jax.evaluation.corpus_statistics import joint_rows, summarise
 from ha2g_jax.files.reading import shown
-from ha2g_jax.files.writing import write_text
+from ha2g_jax.files.writing import write_text, writing
 
 CORPUS_TABLES = ("table5", "table10")
 
@@ -76,8 +76,9 @@ def main(argv: Sequence[str] | None = None, perform: Perform = perform_in_proces
             out = out or _HERE.parent / "docs" / "results" / f"{request.table}-{request.size}.md"
             if not (keep.exists() or request.has_training):
                 raise UserError(f"no runs are kept in {shown(keep)}; leave out --no-train to train them")
-            if keep.exists():
-                shutil.copytree(keep, request.workdir, dirs_exist_ok=True)
+            if keep.exists() and keep.resolve() != request.workdir.resolve():
+                with writing(request.workdir, f"it would be a copy of {shown(keep)}; choose other folders"):
+                    shutil.copytree(keep, request.workdir, dirs_exist_ok=True)
         out = out or request.workdir / f"{request.data}-{request.size}" / f"{request.table}.md"
         command = shlex.join(["python", "experiments/reproduce.py", *argv])
         is_whole = reproduce(request, out, command, stop, perform, keep)

@@ -93,7 +93,7 @@ def _add_analyse(commands: Any) -> None:
         "docs/user_study.md. The exit code is 1 if no participant is left."
     )
     command.add_argument(
-        "answers", type=pathlib.Path, nargs="+", metavar="ANSWERS", help="answer files, or folders of .json files"
+        "answers", type=pathlib.Path, nargs="+", metavar="ANSWERS", help="answer files, or folders of them"
     )
     command.add_argument("--study", type=pathlib.Path, required=True, metavar="DIR", help="folder of ha2g study make")
     command.add_argument(

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _MANY = 1.3  # times as many beats as ground truth, a sign of jitter; dense beats are near some onset by chance
 _FEW = 0.5
 
-_RELIABLE = 10  # recordings; the percentile interval of 10 normal values leaves their mean out in 12 % of the cases
+_RELIABLE = 10  # recordings; the percentile interval of 10 normal values leaves their mean out in 10 % of the cases
 
 _BY_CHANCE = (TRUTH, HALF)
 

@@ -174,6 +174,7 @@ def test_a_request_that_cannot_be_met_starts_nothing(request_, change, message):
         (["--data", "talk", "--seeds", "0,0"], "gives a seed twice"),
         (["--data", "talk", "--seeds", "20240101"], "at most 1000; give '20240101,' for one seed"),
         (["--data", "bvh:nowhere"], "no corpus in"),
+        (["--data", "talk", "--continue", "--keep", __file__], "choose other folders"),
     ],
 )
 def test_a_mistake_is_one_line(capsys, monkeypatch, tmp_path, flags, message):

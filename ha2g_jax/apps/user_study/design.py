@@ -137,6 +137,10 @@ def read_key(study: pathlib.Path) -> Key:
             Item(value["id"], value["kind"], tuple(value.get("pair") or [value["stimulus"]]), value.get("expected"))
             for value in content["items"]
         )
+        for stimulus in (content["stimuli"][name] for item in content["items"] for name in item.stimuli):
+            if not {stimulus.clip, stimulus.sound_of or stimulus.clip} <= {*content["clips"]}:
+                raise ValueError(f"it has no clip {stimulus.clip}")
+            content["systems"].index(stimulus.system)
         return Key(**content)
 
 

@@ -199,7 +199,7 @@ def _centre(share: float, spread: float) -> float:
     def excess(mean: float) -> float:
         return float(weights @ special.expit(mean + spread * nodes)) - share
 
-    return float(optimize.root_scalar(excess, bracket=(-60, 60)).root)
+    return float(optimize.root_scalar(excess, bracket=(-400, 400)).root)
 
 
 @functools.cache

@@ -232,6 +232,11 @@ def _read_smplx(content: Content, options: _Options) -> Motion:
             smplx_arrays.to_arrays(arrays, options.source_fps, options.unit), skeleton, template(), fps=options.fps
         )
     array_files.check_positions(found.positions.astype(np.float64), skeleton, content.path)
+    if not found.is_good.any():
+        raise UserError(f"{shown(content.path)} has no frame in which the person was tracked; give another file")
+    if num_bad := int((~found.is_good).sum()):
+        text = "%s: in %d of %d frames the person was not tracked; they hold the nearest pose"
+        _logger.warning(text, shown(content.path.name), num_bad, len(found.is_good))
     meta = {"read_from": {"kind": "SMPL-X", "fps": found.fps, "up": found.up}}
     fps = options.fps or found.fps
     return Motion.from_positions(skeleton, found.positions, fps, meta, lower=found.lower, face=found.face)
@@ -248,15 +253,18 @@ def _stated(content: Content, options: _Options) -> Mapping[str, Any]:
 
 def _from_positions(arrays: array_files.Arrays, path: pathlib.Path, options: _Options) -> Motion:
     skeleton = load_skeleton(options.skeleton or array_files.find_skeleton(arrays, options.joint_map, path))
-    positions = array_files.in_skeleton(arrays, skeleton, options.joint_map, path) * (options.unit or 1.0)
+    unit = options.unit
+    if unit is None and options.joint_map != joint_maps.AUTO:
+        unit = joint_maps.load_map(options.joint_map).unit
+    positions = array_files.in_skeleton(arrays, skeleton, options.joint_map, path) * (unit or 1.0)
     meta: dict[str, Any] = {"read_from": {"kind": "positions", "fps": arrays.fps}}
     if len(arrays.borders):
         meta["borders"] = arrays.borders.tolist()
     motion = Motion.from_positions(skeleton, positions, arrays.fps, meta)
     length = arm_length(positions, skeleton, "left")
-    if options.unit is not None:
+    if unit is not None:
         with naming(path):
-            check_arms(length / options.unit, options.unit)
+            check_arms(length / unit, unit)
     elif not ARM_RANGE[0] <= length <= ARM_RANGE[1]:  # not in metres: take the skeleton's bones
         motion = Motion.from_directions(skeleton, motion.directions, arrays.fps, motion.meta)
     return at_rate(motion, options.fps)

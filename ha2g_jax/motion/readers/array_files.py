@@ -24,7 +24,7 @@ from ha2g_jax.motion.armature import export_axes
 from ha2g_jax.motion.motion import check_length
 from ha2g_jax.motion.readers import joint_maps
 from ha2g_jax.motion.readers.body import find_up, is_mirrored, to_skeleton_axes
-from ha2g_jax.skeleton import SKELETONS, Skeleton, bone_lengths, load_skeleton
+from ha2g_jax.skeleton import SKELETONS, Skeleton, bone_lengths, hand_joints, load_skeleton
 
 _logger = logging.getLogger(__name__)
 
@@ -89,12 +89,22 @@ def read_borders(content: Mapping[str, Any], frames: int) -> np.ndarray:
 
 
 def find_skeleton(arrays: Arrays, joint_map: str, path: pathlib.Path) -> str:
-    """Return the name of the first skeleton whose joints the arrays have, or raise a UserError."""
-    for name in SKELETONS:
-        if not _find_joints(arrays.joint_names, load_skeleton(name), joint_map)[1]:
-            return name
-    lacking = _find_joints(arrays.joint_names, load_skeleton(SKELETONS[-1]), joint_map)[1]
-    raise _lacks(path, arrays.joint_names, SKELETONS[-1], lacking)
+    """Return the name of the first skeleton whose joints the arrays have; say so where they have a part of the fingers.
+
+    Raises:
+        UserError: they lack joints of every skeleton.
+    """
+    skeletons = [load_skeleton(name) for name in SKELETONS]
+    missing = [_find_joints(arrays.joint_names, skeleton, joint_map)[1] for skeleton in skeletons]
+    if all(missing):
+        nearest = min(range(len(missing)), key=lambda index: len(missing[index]))
+        raise _lacks(path, arrays.joint_names, SKELETONS[nearest], missing[nearest])
+    found = missing.index([])
+    fingers = {skeletons[0].joints[joint] for joint in hand_joints(skeletons[0])} - {*skeletons[found].joints}
+    lacking = [joint for joint in missing[0] if joint in fingers]
+    if 0 < len(lacking) < len(fingers):
+        _logger.warning("%s is read without hands, as it lacks %s", shown(path.name), ", ".join(lacking))
+    return SKELETONS[found]
 
 
 def in_skeleton(arrays: Arrays, skeleton: Skeleton, joint_map: str, path: pathlib.Path) -> np.ndarray:
@@ -109,6 +119,8 @@ def in_skeleton(arrays: Arrays, skeleton: Skeleton, joint_map: str, path: pathli
     places, missing = _find_joints(arrays.joint_names, skeleton, joint_map)
     if missing:
         raise _lacks(path, arrays.joint_names, skeleton.name, missing)
+    if twice := [joint for joint, place in zip(skeleton.joints, places, strict=True) if places.count(place) > 1]:
+        raise UserError(f"{shown(path)} has one joint for {twice[0]} and {twice[1]}; correct the map (--joint-map)")
     positions = arrays.positions[:, places].astype(np.float64)
     check_positions(positions, skeleton, path)
     if is_mirrored(positions, skeleton):
@@ -118,7 +130,8 @@ def in_skeleton(arrays: Arrays, skeleton: Skeleton, joint_map: str, path: pathli
             shown(path),
         )
     left, right = (skeleton.joint(f"{side}_shoulder") for side in ("left", "right"))
-    up = find_up(positions, skeleton)
+    stated = None if joint_map == joint_maps.AUTO else joint_maps.load_map(joint_map).up
+    up = stated or find_up(positions, skeleton)
     side = np.sign((positions[:, left, 0] - positions[:, right, 0]).mean())
     if up == _OURS_DOWN and side == export_axes(skeleton)[0]:
         return positions

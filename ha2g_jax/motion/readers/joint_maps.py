@@ -125,7 +125,8 @@ def _of_rig(rig: rigs.Rig) -> JointMap:
     names = {joint: (joint,) for joint in LOWER_JOINTS}
     names |= {joint.place: (joint.name,) for joint in rig.joints if joint.place}
     spine = tuple(joint.name for joint in reversed(rig.joints) if joint.carries == "spine")
-    return JointMap(rig.name, names | {"spine": spine, HEAD: (rig.names[HEAD],)}, None, None)
+    names |= {"spine": spine} | ({HEAD: (rig.names[HEAD],)} if HEAD in rig.names else {})
+    return JointMap(rig.name, names, None, None)
 
 
 def _to_map(lines: Any, name: str) -> JointMap:
@@ -194,9 +195,12 @@ def find(joint_map: JointMap, joints: Sequence[str], wanted: Sequence[str], file
     places = {}
     for ours, alike in _find(joint_map, joints, wanted).items():
         if len(alike) > 1:
-            both = " and ".join(shown(joints[index]) for index in alike[:2])
+            first, second = (shown(joints[index]) for index in alike[:2])
+            if first == second:
+                raise UserError(f"{shown(file)} has two joints named {first}; keep one person in it")
             raise UserError(
-                f"{shown(file)} has {both}, and either may be {ours}; choose one in a joint map (--joint-map)"
+                f"{shown(file)} has {first} and {second}, and either may be {ours}; choose one in a joint map "
+                "(--joint-map)"
             )
         places[ours] = alike[0]
     return places
@@ -204,7 +208,9 @@ def find(joint_map: JointMap, joints: Sequence[str], wanted: Sequence[str], file
 
 def _find(joint_map: JointMap, joints: Sequence[str], wanted: Sequence[str]) -> dict[str, list[int]]:
     """Return the indices of the joints of a file that may be the wanted ones, of those that it has."""
-    exact = {joint: index for index, joint in enumerate(joints)}
+    exact: dict[str, list[int]] = {}
+    for index, joint in enumerate(joints):
+        exact.setdefault(joint, []).append(index)
     joints = _without_numbers(joints)
     affixes = _affixes(joint_map, joints)
     plain: dict[str, list[int]] = {}
@@ -213,7 +219,7 @@ def _find(joint_map: JointMap, joints: Sequence[str], wanted: Sequence[str]) -> 
     found: dict[str, list[int]] = {}
     for ours in wanted:
         for name in joint_map.names.get(ours, ()):
-            alike = [exact[name]] if name in exact else plain.get(_bare(name), [])
+            alike = exact.get(name) or plain.get(_bare(name), [])
             if alike:
                 found.setdefault(ours, alike)
     return found

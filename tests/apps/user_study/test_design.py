@@ -122,5 +122,10 @@ def test_a_key_is_read_as_it_was_written_and_is_private(tmp_path):
         (tmp_path / "items.json").write_text(json.dumps(other))
         with pytest.raises(UserError, match=r"items\.json is not the key\.json of a study"):
             read_key(tmp_path / "items.json")
+    for name in ("stimuli", "systems", "clips"):
+        lost = content | {name: {} if name == "stimuli" else content[name][1:]}
+        (tmp_path / "items.json").write_text(json.dumps(lost))
+        with pytest.raises(UserError, match=r"items\.json is not the key\.json of a study"):
+            read_key(tmp_path / "items.json")
     rating, *_, attention = content["items"]
     assert rating.keys() == {"id", "kind", "stimulus"} and attention["expected"] == EXPECTED

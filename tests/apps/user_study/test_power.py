@@ -52,6 +52,11 @@ def test_shares_have_the_mean_and_the_spread_that_are_asked_for():
     assert (shares.mean(), shares.std()) == pytest.approx((0.6, 0.12), abs=2e-3)
 
 
+def test_nearly_all_may_choose_alike():
+    for share in (0.001, 0.999):
+        assert 0 <= power_of(power.of_share(share, Spreads(0.01, 0.0), Plan(6, 6)), 15) <= 1
+
+
 def test_power_grows_with_participants_and_the_smallest_number_is_found():
     simulate = power.of_difference(0.4, Spreads(0.4, 0.1, 0.8), Plan(10, 10))
     rows, smallest = power.required_participants(simulate, 0.8, clips=10, most=200)

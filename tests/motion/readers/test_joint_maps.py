@@ -1,11 +1,14 @@
 """Joint maps: "auto" finds the naming, and what is missing is said; for the places of joints see test_kinds."""
 
+import dataclasses
 import json
 
 import pytest
 
 from ha2g_jax.errors import UserError
+from ha2g_jax.motion.readers import joint_maps
 from ha2g_jax.motion.readers.joint_maps import MAPS, choose_map, load_map
+from ha2g_jax.motion.rigs import load_rig
 from ha2g_jax.skeleton import load_skeleton
 
 EXPRESSIVE, GESTURE = load_skeleton("ted_expressive"), load_skeleton("ted_gesture")
@@ -64,6 +67,12 @@ def test_names_that_are_those_of_no_map():
         places_of(blender)
     with pytest.raises(UserError, match=r"a.bvh does not fit the joint map mixamo"):
         places_of(blender, "mixamo")
+
+
+def test_a_rig_without_a_head_has_a_map():
+    rig = load_rig("mixamo")
+    arms = dataclasses.replace(rig, joints=tuple(joint for joint in rig.joints if joint.carries != "head"))
+    assert "head" not in joint_maps._of_rig(arms).names and "head" in joint_maps._of_rig(rig).names
 
 
 def test_two_people_in_one_file():

@@ -267,6 +267,39 @@ def test_names_of_joints_in_another_form_are_read(case, files, tmp_path):
     assert motion.meta["borders"] == [9, 30]
 
 
+def _changed(files, tmp_path, **changes):
+    with np.load(files["named positions npz"]) as arrays:
+        np.savez(tmp_path / "x.npz", **{**arrays, **{name: change(arrays[name]) for name, change in changes.items()}})
+    return tmp_path / "x.npz"
+
+
+def test_unit_and_axis_of_a_map_are_those_of_positions(files, tmp_path):
+    path = _changed(files, tmp_path, positions=lambda places: 100 * places)
+    (tmp_path / "map.json").write_text('{"spine": "spine", "unit": 0.01}')
+    found, expected = (read_motion(path, **stated) for stated in ({"joint_map": tmp_path / "map.json"}, {"unit": 0.01}))
+    np.testing.assert_array_equal(found.positions, expected.positions)
+    (tmp_path / "map.json").write_text('{"spine": "spine", "unit": 0.5}')
+    with pytest.raises(UserError, match="arms"):
+        read_motion(path, joint_map=tmp_path / "map.json")
+
+
+def test_two_joints_of_one_name_are_refused(files, tmp_path):
+    twice = {"positions": lambda places: np.tile(places, (1, 2, 1)), "joint_names": lambda names: np.tile(names, 2)}
+    with pytest.raises(UserError, match="two joints named"):
+        read_motion(_changed(files, tmp_path, **twice))
+
+
+def test_a_finger_that_is_missing_is_said(files, tmp_path, caplog):
+    other = {"left_pinky_3": "end", "left_ear": "head"}
+    path = _changed(files, tmp_path, joint_names=lambda names: np.array([other.get(name, name) for name in names]))
+    assert read_motion(path).meta["skeleton"] == "ted_gesture"
+    assert "is read without hands, as it lacks left_pinky_3" in caplog.text
+    del other["left_ear"]
+    path = _changed(files, tmp_path, joint_names=lambda names: np.array([other.get(name, name) for name in names]))
+    with pytest.raises(UserError, match="lacks left_pinky_3 of the skeleton ted_expressive"):
+        read_motion(path)
+
+
 @pytest.mark.parametrize(("frames", "fps", "new"), [(33, 30, 15), (121, 120, 15), (31, 15, 30), (40, 125, 125)])
 def test_every_format_has_the_same_frames_at_another_rate(frames, fps, new, tmp_path):
     skeleton = load_skeleton("ted_expressive")

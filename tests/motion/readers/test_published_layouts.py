@@ -1,6 +1,7 @@
 """Files in the layouts of Seamless Interaction and Embody 3D become corpora with the motion that was written."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
 from ha2g_jax.importers.mocap import ImportOptions, import_smplx
+from ha2g_jax.motion.readers import read_motion
 from ha2g_jax.motion.readers.smplx import read_smplx
 from ha2g_jax.motion.readers.smplx_body import JOINTS, template
 from ha2g_jax.skeleton import load_skeleton
@@ -148,6 +150,16 @@ def test_embody_3d(embody, expected, tmp_path, caplog):
     assert "has no audio" in caplog.text
     assert corpus.speakers == ("BWW760",) and corpus.clips("train")[0].recording == f"{CAPTURE}--BWW760"
     _compare(corpus, expected)
+
+
+def test_motion_that_was_not_tracked_is_said(seamless, tmp_path, caplog):
+    (path,) = seamless.rglob("*.npz")
+    read_motion(path)
+    assert re.search(rf"in 3[01] of {FRAMES} frames the person was not tracked", caplog.text)
+    with np.load(path) as arrays:
+        np.savez(tmp_path / "never.npz", **{**arrays, "smplh:is_valid": np.zeros(FRAMES, bool)})
+    with pytest.raises(UserError, match="no frame in which the person was tracked"):
+        read_motion(tmp_path / "never.npz")
 
 
 def test_a_person_who_was_never_tracked_and_marks_of_another_length(embody, tmp_path):
