@@ -1,6 +1,11 @@
 /** The sample rate that a file of compressed sound states, at which the browser decodes it without resampling. */
 
+// By the version of MPEG: 2.5, none, 2 and 1.
 const MP3_RATES = [[11025, 12000, 8000], [], [22050, 24000, 16000], [44100, 48000, 32000]];
+const MP3_KBITS = [
+  [8, 16, 24, 32, 40, 48, 56, 64, 80, 96, 112, 128, 144, 160],
+  [32, 40, 48, 56, 64, 80, 96, 112, 128, 160, 192, 224, 256, 320],
+];
 const FALLBACK = 48000; // that of Opus, and of most video
 
 /** Returns samples per second of WAV, MP3, FLAC, Ogg or MP4; 48000 where the file does not say it at its start. */
@@ -44,9 +49,19 @@ function mp3(bytes: Uint8Array, view: DataView): number | undefined {
     at = 10 + ((bytes[6] << 21) | (bytes[7] << 14) | (bytes[8] << 7) | bytes[9]);
   }
   for (const end = Math.min(at + 65536, bytes.length - 4); at < end; at++) {
-    const head = view.getUint32(at);
-    const [version, layer] = [(head >>> 19) & 3, (head >>> 17) & 3];
-    if (head >>> 21 === 0x7ff && layer === 1) return MP3_RATES[version][(head >>> 10) & 3];
+    const frame = mp3Frame(view, at);
+    if (frame && mp3Frame(view, at + frame.length)?.rate === frame.rate) return frame.rate;
   }
   return undefined;
+}
+
+/** Returns the rate and the bytes of the frame of layer III that begins at a place; undefined without one. */
+function mp3Frame(view: DataView, at: number): { rate: number; length: number } | undefined {
+  if (at + 4 > view.byteLength) return undefined;
+  const head = view.getUint32(at);
+  const version = (head >>> 19) & 3;
+  const rate = MP3_RATES[version][(head >>> 10) & 3];
+  const kbits = MP3_KBITS[version === 3 ? 1 : 0][((head >>> 12) & 15) - 1];
+  if (head >>> 21 !== 0x7ff || ((head >>> 17) & 3) !== 1 || !rate || !kbits) return undefined;
+  return { rate, length: Math.floor(((version === 3 ? 144000 : 72000) * kbits) / rate) + ((head >>> 9) & 1) };
 }

@@ -176,7 +176,10 @@ export class Page {
     if (!run) return;
     const found = (await run.end())?.result(3 * run.numBones);
     if (this.run) return; // another one has begun
-    if (!found || !this.model.gesturer) return this.showTake();
+    if (!found || !this.model.gesturer) {
+      this.showTake();
+      return this.changeEnergy(); // which was that of the run
+    }
     const take = this.keep(found.samples, found.directions);
     if (!isTrouble) say(describe(take));
   }
@@ -313,7 +316,7 @@ export class Page {
 
   private changeEnergy(): void {
     if (this.run) this.run.stream.change({ energy: this.settings.energy });
-    else if (this.take) this.energy.ask(this.take.motion, this.settings.energy);
+    else if (this.take && !this.video) this.energy.ask(this.take.motion, this.settings.energy);
   }
 
   private showMotion(motion: Motion): void {
@@ -342,6 +345,7 @@ export class Page {
     this.video = null;
     progress(null);
     this.showState();
+    this.changeEnergy(); // which may have been changed meanwhile
   }
 
   private get number(): number | null {

@@ -2,6 +2,7 @@
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
+import { rateOf } from "../site/containers.js";
 import { openSound } from "../site/sound.js";
 import { round, toFloat16 } from "../src/rounding.js";
 import { logMel, melPower, NUM_MELS } from "../src/sound/mel.js";
@@ -82,12 +83,28 @@ test("files that are no sound are refused", () => {
     [wav([0.5]), /0\.000 s; expected at least 0\.2 s/],
     [wav(Array(8000).fill(0.5), { rate: 1 }), /more than 65 minutes/],
     [wav(Array(900).fill(0.5), { rate: 900 }), /900 samples per second/],
-    [wav(Array(8000).fill(0.5), { rate: 0 }), /./],
+    [wav(Array(8000).fill(0.5), { rate: 0 }), /0 samples per second/],
     [wav(Array(8000).fill(0.5), { channels: 0 }), /0 channels/],
     [wav(Array(8000).fill(0.5), { code: 85 }), /kind 85/],
     [wav(Array(8000).fill(NaN), { code: 3, bits: 32 }), /only NaN/],
   ];
   for (const [bytes, message] of refused) assert.throws(() => readSound(bytes), message);
+});
+
+test("the rate of an MP3 is that of frames which follow each other, and no other file has one", () => {
+  const bytes = new Uint8Array(3000);
+  bytes.set([0xff, 0xe3, 0x10, 0x00], 500); // looks like a frame
+  assert.equal(rateOf(bytes), 48000);
+  const frames = new Uint8Array(2000);
+  frames.set([..."ID3"].map((letter) => letter.charCodeAt(0)));
+  frames[9] = 20; // bytes of the tag after its head
+  for (const at of [30, 30 + 144]) frames.set([0xff, 0xf3, 0x48, 0xc4], at); // 32 kbit/s at 16 kHz
+  assert.equal(rateOf(frames), 16000);
+});
+
+test("sound of whole numbers is refused", () => {
+  assert.throws(() => resample(new Int16Array(100) as never, 48000), /no Float32Array/);
+  assert.throws(() => new RunningResampler(48000).push(new Int16Array(100) as never), /no Float32Array/);
 });
 
 test("a WAV of a kind that only the browser reads is decoded by it, at its own rate", async () => {

@@ -4,6 +4,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { checkDescription } from "../src/description.js";
 import { generate } from "../src/synthesis/generate.js";
+import { LiveStream } from "../src/synthesis/live-stream.js";
 import { Stream } from "../src/synthesis/stream.js";
 import { chooseStyle } from "../src/synthesis/style.js";
 import { joinWindows, numWindows, windowStride } from "../src/synthesis/windows.js";
@@ -79,6 +80,23 @@ test("a style is that of Python's equations", () => {
   assert.deepEqual(values({ mixture: { ada: 1, ben: 3 }, variation: 0 }), [2.5, -1]);
   assert.deepEqual(values({ values: [7, 8] }), [7, 8]);
   assert.deepEqual(values({}), [0.5, -0.5]);
+});
+
+test("a stream sends its part of the sound alone, and keeps a state that was changed meanwhile", async () => {
+  const sent: { samples: Float32Array }[] = [];
+  let answer = (_: object) => {};
+  const ask = (request: { samples: Float32Array }) => {
+    sent.push(request);
+    return new Promise((resolve) => (answer = resolve));
+  };
+  const stream = new LiveStream({ ask, send() {} } as never, 1, 0.5, makeDescription(), 0, "auto");
+  const fed = stream.feed(new Float32Array(1000).subarray(10, 20));
+  stream.change({ state: "think" });
+  answer({ directions: new Float32Array(0), state: "auto" });
+  await fed;
+  assert.equal(sent[0].samples.buffer.byteLength, 40);
+  assert.equal(stream.state, "think");
+  await assert.rejects(stream.feed(new Int16Array(4) as never), /no Float32Array/);
 });
 
 test("wrong requests are refused with a sentence", async () => {

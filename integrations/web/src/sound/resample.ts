@@ -1,6 +1,7 @@
 /** Change of the sample rate of sound, with the filter of soxr's quality HQ, which Python uses. */
 
 import { round } from "../rounding.js";
+import { checkArray } from "./speech.js";
 
 // The filter is a sinc under a Kaiser window. Its passband ends at 0.913 of half the lower rate, and its stopband
 // begins at half the lower rate, 120 dB below.
@@ -18,6 +19,7 @@ const MOST_PHASES = 1024; // filters that are computed; those between them are i
  * @returns (round(samples x newRate / rate),).
  */
 export function resample(samples: Float32Array, rate: number, newRate = 16000): Float32Array {
+  checkArray(samples);
   if (!(rate >= 1000 && rate <= 768000)) {
     throw new Error(`the sound has ${rate} samples per second; expected 1000 to 768000`);
   }

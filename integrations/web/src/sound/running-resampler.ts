@@ -1,6 +1,7 @@
 /** Resampling to 16 kHz of sound that arrives in pieces. */
 
 import { joined } from "../arrays.js";
+import { checkArray } from "./speech.js";
 
 const NEW_RATE = 16000;
 const ZEROS = 16; // zero crossings of the filter on each side
@@ -30,6 +31,7 @@ export class RunningResampler {
 
   /** Takes the next samples, and returns those at 16 kHz whose surroundings are known. */
   push(samples: Float32Array): Float32Array {
+    checkArray(samples);
     const all = joined([this.kept, samples]);
     const reach = ZEROS / this.cutoff;
     const made: number[] = [];

@@ -57,13 +57,20 @@ export function isSilent(samples: Float32Array): boolean {
   return most - least < INAUDIBLE;
 }
 
+/** Checks that samples are floating-point numbers, as those of an Int16Array are not within -1 and 1. */
+export function checkArray(samples: Float32Array): void {
+  if (!(samples instanceof Float32Array)) {
+    throw new Error("the sound is no Float32Array; expected mono samples within -1 and 1");
+  }
+}
+
 /**
  * Checks mono samples at 16 kHz.
  *
  * @returns the samples, with 0 for those that are not finite.
  */
 export function checkSpeech(samples: Float32Array): Float32Array {
-  if (!(samples instanceof Float32Array)) throw new Error("the speech is no Float32Array; expected samples at 16 kHz");
+  checkArray(samples);
   checkLength(samples.length, SAMPLE_RATE);
   return finite(samples);
 }

@@ -62,6 +62,7 @@ function readFormat(view: DataView, at: number): Format {
   if (!(channels >= 1 && channels <= MOST_CHANNELS)) {
     throw new Error(`the WAV file has ${channels} channels; expected 1 to ${MOST_CHANNELS}`);
   }
+  if (rate === 0) throw new Error("the WAV file has 0 samples per second");
   const isKnown = (code === PCM && [1, 2, 3, 4].includes(size)) || (code === FLOAT && [4, 8].includes(size));
   if (!isKnown) {
     throw new Error(`the WAV file has samples of kind ${code} with ${8 * size} bits; expected PCM or floating point`);

@@ -2,6 +2,7 @@
 
 import { checkDescription, type Description } from "../description.js";
 import { Motion } from "../motion/motion.js";
+import { checkArray } from "../sound/speech.js";
 import { fetchAll } from "./fetching.js";
 import { LiveStream } from "./live-stream.js";
 import { checkNames, type Generated, type Generation, type StreamOptions } from "./options.js";
@@ -68,7 +69,9 @@ export class Gesturer {
   async generate(samples: Float32Array, options: GenerateOptions = {}): Promise<Motion> {
     const { onprogress, signal, ...generation } = options;
     signal?.throwIfAborted();
-    const job = this.port.begin<Generated>({ kind: "generate", samples, options: generation }, [], onprogress);
+    checkArray(samples);
+    const request = { kind: "generate" as const, samples: samples.slice(), options: generation };
+    const job = this.port.begin<Generated>(request, [], onprogress);
     const cancel = () => {
       this.port.send({ kind: "cancel", generation: job.id });
       job.reject(signal!.reason);

@@ -4,6 +4,7 @@ import type { Description } from "../description.js";
 import { checkEnergy } from "../motion/control/effects.js";
 import { checkCue } from "../motion/cues.js";
 import { checkState, type State } from "../motion/states.js";
+import { checkArray } from "../sound/speech.js";
 import type { Frames, Request } from "./messages.js";
 import { checkNames, type StreamChange } from "./options.js";
 import type { Port } from "./port.js";
@@ -12,6 +13,7 @@ import { chooseStyle } from "./style.js";
 /** Motion that follows speech, see `Gesturer.stream`. */
 export class LiveStream {
   private lastState: State;
+  private changes = 0; // of the state
 
   constructor(
     private readonly port: Port,
@@ -37,8 +39,11 @@ export class LiveStream {
    * @param other - as many samples of the person who is spoken with; silence by default.
    * @returns (n, bones, 3) unit vectors, the frames after those that were returned before; n may be 0.
    */
-  feed(samples: Float32Array, other?: Float32Array): Promise<Float32Array> {
-    return this.frames({ kind: "feed", stream: this.id, samples, other });
+  async feed(samples: Float32Array, other?: Float32Array): Promise<Float32Array> {
+    checkArray(samples);
+    if (other) checkArray(other);
+    // A part of a longer array is copied here, because the whole would be on its way to the worker.
+    return this.frames({ kind: "feed", stream: this.id, samples: samples.slice(), other: other?.slice() });
   }
 
   /** Ends the stream, and returns the rest of the frames, (n, bones, 3); all frames are round(duration x fps). */
@@ -57,6 +62,7 @@ export class LiveStream {
     checkEnergy(energy);
     checkState(state);
     chooseStyle(this.description, style, this.seed);
+    if (change.state !== undefined) this.changes++;
     this.lastState = state;
     this.port.send({ kind: "change", stream: this.id, change });
   }
@@ -92,8 +98,9 @@ export class LiveStream {
   }
 
   private async frames(request: Request): Promise<Float32Array> {
+    const { changes } = this;
     const { directions, state } = await this.port.ask<Frames>(request);
-    this.lastState = state;
+    if (changes === this.changes) this.lastState = state; // or else it is that before the change
     return directions;
   }
 }
