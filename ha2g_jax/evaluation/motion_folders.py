@@ -125,6 +125,7 @@ def from_folders(
             references[clip],
             references[clip].parent.parent / _BEAT2_SOUNDS / references[clip].name,
             motions[file],
+            motions[file].with_name(f"{clip.rpartition('/')[2]}.npz"),
         )
         audio = next((sounds[key] for place in places if (key := sound_key(place)) in sounds), None)
         pairs.append(_Pair(clip, clip.rpartition("/")[0] or clip, motions[file], references[clip], audio))
@@ -133,15 +134,22 @@ def from_folders(
     with parallel_map(processes, _DIED) as each:
         found = each(functools.partial(_read, **options), pairs)
         read = list(track(found, "reading the motion", "clip", len(pairs)))
-    once = {pair.reference.id: pair for pair in read}
-    left_out = {"motion": len(motions) - len(clips), "reference": len(references) - len(once)}
-    notes = _notes(read, list(once.values()), left_out)
+    truth = references_of(pair.reference for pair in read)
+    left_out = {"motion": len(motions) - len(clips), "reference": len(references) - len(truth)}
+    notes = _notes(read, [pair for pair in read if pair.reference is truth[pair.reference.id]], left_out)
     sides = ((pathlib.Path(motion), motions), (pathlib.Path(reference), references))
     from_folder = [path for side, found in sides if side.is_dir() for path in found.values()]
     notes += not_read(from_folder, [pair.audio for pair in pairs if pair.audio is not None])
-    return Folders(
-        [pair.motion for pair in read], [pair.reference for pair in once.values()], load_skeleton(skeleton), notes
-    )
+    return Folders([pair.motion for pair in read], list(truth.values()), load_skeleton(skeleton), notes)
+
+
+def references_of(clips: Iterable[ClipResult]) -> dict[str, ClipResult]:
+    """Return one reference for each clip by its id: of several the first with sound, which may lie beside a motion."""
+    found: dict[str, ClipResult] = {}
+    for clip in clips:
+        if clip.id not in found or (found[clip.id].onsets is None and clip.onsets is not None):
+            found[clip.id] = clip
+    return found
 
 
 def read_directions(path: pathlib.Path, skeleton: str, **reading: Unpack[Reading]) -> FileMotion:
@@ -326,7 +334,7 @@ def score_beat2(
     """
     body = template() if body_model is None else read_body_model(body_model)
     methods = {name: {clip.id: clip.path for clip in reversed(each.motion)} for name, each in read.items()}
-    truth = {clip.id: clip for each in read.values() for clip in each.reference}
+    truth = references_of(clip for each in read.values() for clip in each.reference)
     ids = [name for name in truth if all(name in paths for paths in methods.values())]
     if not ids:
         raise UserError("no sequence has motion by all methods; give motion of the same clips as the reference")

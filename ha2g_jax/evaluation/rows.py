@@ -150,7 +150,7 @@ def _check_alike(clips: Sequence[ClipResult]) -> None:
 def _method_row(
     results: Sequence[ClipResult], places: dict[str, int], lengths: dict[str, int], reference: Reference
 ) -> Row:
-    clips = [clip for clip in results if clip.id in places]
+    clips = sorted((clip for clip in results if clip.id in places), key=lambda clip: places[clip.id])
     numbers = np.array([places[clip.id] for clip in clips])
     return Row(
         reference=reference,

@@ -13,7 +13,15 @@ from ha2g_jax.data.talk import build
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.clip_result import check_fit, from_corpus, split_limits, training_motion
 from ha2g_jax.evaluation.evaluate import LEVEL, check_autoencoder, evaluate, measure, score_as_json
-from ha2g_jax.evaluation.motion_folders import BEAT2, FPS, find_motions, from_folders, read_directions, score_beat2
+from ha2g_jax.evaluation.motion_folders import (
+    BEAT2,
+    FPS,
+    find_motions,
+    from_folders,
+    read_directions,
+    references_of,
+    score_beat2,
+)
 from ha2g_jax.evaluation.table import PARTS
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.files.reading import resolved, shown
@@ -79,7 +87,7 @@ def evaluate_folders(
     of_protocol = {}
     if protocol is not None:  # first, because the other scores take longer than finding that the files do not fit
         of_protocol["beat2"] = score_beat2(read, body_model=body_model, seed=seed, **reading)
-    truth = {clip.id: clip for each in read.values() for clip in each.reference}
+    truth = references_of(clip for each in read.values() for clip in each.reference)
     section = evaluate(
         {name: each.motion for name, each in read.items()},
         list(truth.values()),

@@ -25,7 +25,7 @@ def legacy(skeleton, perform, features):
     late = perform(12, 119, delay=0.25)
     for clip in (*reference, *late):  # nothing is written into what is given
         clip.directions.setflags(write=False)
-    return evaluate({"late": late}, reference, skeleton, autoencoder=features, legacy=True, draws=2)
+    return evaluate({"late": late[::-1]}, reference, skeleton, autoencoder=features, legacy=True, draws=2)
 
 
 def test_it_is_apart_and_complete(legacy):

@@ -8,7 +8,7 @@ import soundfile
 from fixtures.motions import swaying
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.evaluation.motion_folders import from_folders, list_motions, read_directions
+from ha2g_jax.evaluation.motion_folders import from_folders, list_motions, read_directions, references_of
 from ha2g_jax.metrics.beats.stops import angle_change_rates, make_clips
 from ha2g_jax.motion import formats
 from ha2g_jax.motion.motion import Motion
@@ -104,6 +104,22 @@ def test_sound_may_lie_beside_the_motion_and_is_missed_where_it_is_not(write):
     first, second = folders.reference
     assert first.onsets is not None and first.audio is not None and len(first.audio) == SECONDS * 16000
     assert second.onsets is None and second.audio is None
+
+
+@pytest.mark.parametrize("name", ["a.wav", "a.1.wav", "a.2.wav"])
+def test_sound_beside_any_of_several_motions_is_that_of_the_clip(write, name):
+    motion, reference = write("motion", ["a.1", "a.2"]), write("reference", ["a"])
+    write_sound(motion / name)
+    (clip,) = from_folders(motion, reference).reference
+    assert clip.onsets is not None
+
+
+def test_sound_beside_the_motion_of_any_system_counts(write):
+    reference = write("reference", ["a"])
+    systems = [write(name, ["a"]) for name in ("first", "second")]
+    write_sound(systems[0] / "a.wav")
+    clips = [from_folders(system, reference).reference[0] for system in systems]
+    assert references_of(clips)["a"] is references_of(reversed(clips))["a"] is clips[0]
 
 
 def test_the_sound_of_beat2_lies_in_a_folder_beside_that_of_its_motion(write):

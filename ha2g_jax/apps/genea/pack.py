@@ -324,7 +324,7 @@ def _check_speech(speech: pathlib.Path, files: Mapping[str, Mapping[int, _File]]
     paths = _by_name(find_speech([speech]))
     findings += [f"{shown(clip)} has no motion" for clip in paths if clip not in files]
     findings += [f"{shown(clip)} has no speech in {shown(speech)}" for clip in files if clip not in paths]
-    for clip in files.keys() & paths.keys():
+    for clip in (clip for clip in paths if clip in files):
         try:
             seconds = read_speech(paths[clip]).duration
         except UserError as error:

@@ -108,10 +108,14 @@ def from_file(
             arrays = smplx_arrays.to_arrays(content.arrays, reading.get("source_fps"), reading.get("unit"))
             up = smplx.to_motion(arrays, load_skeleton("ted_expressive"), template(), fps=1.0).up
         betas = _own_betas(content.arrays, arrays) if betas is None else betas
-        body = None  # `trans` is one of SMPL-X already
+        _check_length(path, len(arrays.frames) / arrays.fps, arrays.fps, count)
         if up == "y":
-            _check_length(path, len(arrays.frames) / arrays.fps, arrays.fps, count)
             return _sample(smplx.at_rate(arrays._replace(betas=betas), FPS, count))
+        skeleton = load_skeleton("ted_expressive")
+        with naming(path):  # `trans` turns about the origin of the body model, not about the pelvis
+            found = smplx.to_motion(arrays, skeleton, body or template(), fps=None)
+        turned = Motion.from_positions(skeleton, found.positions, arrays.fps, {}, lower=found.lower, face=found.face)
+        return from_motion(turned, count, betas=betas, body=body)
     motion = read_motion(path, **reading)
     _check_length(path, motion.num_frames / motion.fps, motion.meta.get("read_from", {}).get("fps"), count)
     return from_motion(motion, count, betas=betas, body=body)

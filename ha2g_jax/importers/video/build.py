@@ -92,6 +92,8 @@ def build_video(
         extraction.scene_detector()
         if settings.pose_command is None:
             pose.holistic_command()
+    metadata = {"name": shown(root.name), "source": "ha2g data build-video", "licence": licence}
+    writer = CorpusWriter(dst, splits=[split], skeleton=extraction.SKELETON, fps=settings.fps, metadata=metadata)
     work = dst.with_name(f".{dst.name}-work")
     done = frozenset(path.stem for path in work.glob(f"[0-9a-f]*{_SUFFIX}"))
     jobs = [_Job(recording, settings, overlay, done) for recording in recordings]
@@ -105,8 +107,7 @@ def build_video(
 
     names = [recording.name for recording in recordings]
     keys = [outcome.keys[name] for name in names if name in outcome.keys]
-    metadata = {"name": shown(root.name), "source": "ha2g data build-video", "licence": licence}
-    with CorpusWriter(dst, splits=[split], skeleton=extraction.SKELETON, fps=settings.fps, metadata=metadata) as writer:
+    with writer:
         report, counts = _write(writer, split, keys, work)
         if not report.kept:
             if not outcome.failures:  # another call could not use the results
@@ -232,8 +233,15 @@ def find_recordings(
         if name in recordings:
             raise UserError(f"two videos would both be called {name}; rename one")
         folder, slash, _ = name.partition("/")
-        recordings[name] = VideoRecording(file, name, folder if slash else name, in_folder[file.parent] == 1)
+        is_alone = in_folder[file.parent] == 1 and not _others(file)
+        recordings[name] = VideoRecording(file, name, folder if slash else name, is_alone)
     return root, [recordings[name] for name in sorted(recordings)]
+
+
+def _others(video: pathlib.Path) -> set[pathlib.Path]:
+    """Return the other videos in the folder of a video, whether they are read or not."""
+    beside = (file for file in video.parent.iterdir() if not file.name.startswith("."))
+    return {file for file in beside if file.suffix.lower() in SUFFIXES} - {video}
 
 
 def _inside(folder: pathlib.Path, without: pathlib.Path | None) -> list[pathlib.Path]:

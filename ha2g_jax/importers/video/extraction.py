@@ -26,6 +26,7 @@ SKELETON = "ted_expressive"
 VERSION = 3
 
 _WIDTH = 256  # pixels, for speed; about the size to which PySceneDetect reduces images, for which its thresholds hold
+_LONGEST_IMAGE = 0.5  # seconds to the next image above which a shot ends
 _FLASH_SECONDS = 0.5  # cuts that are closer in time count as one
 
 
@@ -92,7 +93,7 @@ def extract(
     words = transcripts.words_of(
         audio, recording.transcript, recognise=settings.recognise, media=video, speaker=recording.speaker
     )
-    spans = without_gaps(find_shots(video, settings.shot_threshold), times, settings.max_gap)
+    spans = without_gaps(find_shots(video, settings.shot_threshold), times, _LONGEST_IMAGE)
     poses = pose.estimate(video, command=settings.pose_command)
     if len(poses.positions) != len(times):
         raise UserError(

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from apps.genea.conftest import FRAMES
+from scipy.spatial.transform import Rotation
 
 from ha2g_jax import cli
 from ha2g_jax.apps.genea import pack as packs
@@ -231,6 +232,21 @@ def test_a_name_that_no_archive_can_have_is_refused_before_the_work(speech, tmp_
     shutil.copy(speech / "1_wayne_0_1_1.wav", sounds / os.fsdecode(b"\xff.wav"))
     with pytest.raises(UserError, match="not UTF-8"):
         write_pack(sounds, tmp_path / "made.zip", checkpoint="nowhere")
+
+
+def test_a_body_that_is_stored_with_z_up_stands_where_the_same_stands_with_y_up(tmp_path):
+    """AMASS turns the body about the origin of the body model, from which the pelvis is 35 cm away."""
+    pelvis, turn = np.array([0.003, -0.351, 0.012]), Rotation.from_euler("x", 90, degrees=True)
+    body = Body(template().points + pelvis, template().directions)
+    poses, trans = np.zeros((60, 55, 3)), np.tile([0.1, 1.3, 0.2], (60, 1))
+    poses[:, JOINTS.index("left_shoulder")], poses[:, JOINTS.index("right_shoulder")] = [0, 0, -1.1], [0, 0, 1.1]
+    up = poses.copy()
+    up[:, 0] = (turn * Rotation.from_rotvec(poses[:, 0])).as_rotvec()
+    facts = {"betas": np.zeros(10), "mocap_frame_rate": 30, "gender": "neutral"}
+    np.savez(tmp_path / "y.npz", poses=poses.reshape(60, -1), trans=trans, **facts)
+    np.savez(tmp_path / "z.npz", poses=up.reshape(60, -1), trans=turn.apply(trans + pelvis) - pelvis, **facts)
+    found, expected = (sample.from_file(tmp_path / f"{name}.npz", 60, body=body).trans for name in "zy")
+    np.testing.assert_allclose(found, expected, atol=1e-3)
 
 
 def test_clips_and_lengths_are_those_of_the_speech(pack, speech, tmp_path):

@@ -216,9 +216,15 @@ def test_names_are_unique_and_speakers_are_folders(tmp_path):
     transcripts = [video.transcript and video.transcript.parent.name for video in found]
     assert transcripts == ["deep", None, None, None]  # whose words those of two videos are is not known
     _, found = build.find_recordings([tmp_path / "b" / "x.mp4"])
-    assert [(video.name, video.speaker) for video in found] == [("x", "x")]
+    assert [(video.name, video.speaker, video.transcript) for video in found] == [("x", "x", None)]
     _, found = build.find_recordings([tmp_path / "a", tmp_path / "y.webm"])
     assert [(video.name, video.speaker) for video in found] == [("a/deep/x", "a"), ("y", "y")]
+
+
+def test_the_name_of_the_split_is_checked_before_a_video_is_read(videos, settings, tmp_path, monkeypatch):
+    monkeypatch.setattr(build.runners, "local", lambda *_: pytest.fail("read"))
+    with pytest.raises(UserError, match="cannot be the name of a split"):
+        build.build_video([videos], tmp_path / "new", settings=settings(), split="my data")
 
 
 def test_two_videos_with_one_shortened_name_are_refused(tmp_path):
