@@ -1,6 +1,8 @@
 """Words of a recording: the transcript beside it, and its reader, which is chosen by the content of the file."""
 
 import contextlib
+import functools
+import logging
 import math
 import os
 import pathlib
@@ -19,6 +21,8 @@ from ha2g_jax.features.words.subtitles import parse_subtitles
 from ha2g_jax.features.words.textgrid import Tier, choose, parse_textgrid
 from ha2g_jax.features.words.timing import Stretch, inside, to_words
 from ha2g_jax.files.reading import folded, shown
+
+_logger = logging.getLogger(__name__)
 
 _LANGUAGE = re.compile(r"\.[a-z]{2,3}(?:-[a-zA-Z0-9]{2,8})?")
 
@@ -97,6 +101,12 @@ def words_of(
     return inside(alignment.align(audio, " ".join(one.text for one in chosen_lines)), duration)
 
 
+@functools.cache  # once for each recording, however often its transcript is looked for
+def _say_languages(media: pathlib.Path, names: tuple[str, ...]) -> None:
+    listed = ", ".join(map(shown, names))
+    _logger.warning("%s has transcripts in several languages (%s), the first is read", shown(media.name), listed)
+
+
 def find(media: pathlib.Path, *, is_alone: bool = True) -> pathlib.Path | None:
     """Find the transcript of a recording in its folder.
 
@@ -134,6 +144,8 @@ def find(media: pathlib.Path, *, is_alone: bool = True) -> pathlib.Path | None:
         in_language = [
             path for path in own if own[path].startswith(start) and _LANGUAGE.fullmatch(own[path][len(start) :])
         ]
+        if not of_stem and len({own[path] for path in in_language}) > 1:
+            _say_languages(media, tuple(path.name for path in in_language))
         if of_stem or in_language:
             return (of_stem or in_language)[0]
         stem = stem.rpartition(".")[0]

@@ -155,6 +155,17 @@ def test_the_transcript_of_a_recording_is_found_by_rules(tmp_path, names, found)
     assert transcripts.find(tmp_path / "a.b.bvh") == expected
 
 
+def test_languages_beside_a_recording_are_said_once(tmp_path, caplog):
+    for name in ("talk.de.vtt", "talk.en.vtt"):
+        (tmp_path / name).write_text("x")
+    for _ in range(2):
+        assert transcripts.find(tmp_path / "talk.mp4") == tmp_path / "talk.de.vtt"
+    assert caplog.text.count("has transcripts in several languages (talk.de.vtt, talk.en.vtt)") == 1
+    (tmp_path / "other.en.vtt").write_text("x")
+    transcripts.find(tmp_path / "other.mp4")
+    assert "other" not in caplog.text
+
+
 TABLES = {
     "commas in a text": (
         "start,end,text\n0,2,hello, my friend\n2,3,bye\n",
