@@ -144,7 +144,12 @@ class Corpus:
             for shard in (shard for entry in metadata["splits"].values() for shard in entry["shards"]):
                 _check_size(path / shard["name"], shard["bytes"])
             corpus = cls(path, metadata)
-            _ = (corpus.skeleton, float(corpus.fps), corpus.speakers, dict(metadata["words"]))  # all are there
+            _ = (
+                corpus.skeleton,
+                float(corpus.fps),
+                corpus.speakers,
+                dict(metadata["words"]),
+            )  # each raises if it is missing
             _ = [(entry["clips"], entry["windows"], entry["speakers"]) for entry in metadata["splits"].values()]
         return corpus
 

@@ -104,7 +104,7 @@ def words_of(
 @functools.cache  # once for each recording, however often its transcript is looked for
 def _say_languages(media: pathlib.Path, names: tuple[str, ...]) -> None:
     listed = ", ".join(map(shown, names))
-    _logger.warning("%s has transcripts in several languages (%s), the first is read", shown(media.name), listed)
+    _logger.warning("%s has transcripts in several languages (%s); the first is read", shown(media.name), listed)
 
 
 def find(media: pathlib.Path, *, is_alone: bool = True) -> pathlib.Path | None:
