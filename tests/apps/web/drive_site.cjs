@@ -353,9 +353,9 @@ async function offline(browser) {
   await page.waitForFunction(() => site.motion && !site.isBusy);
   seen.offline = await status(page);
   host.root = at("newer");
-  await page.reload(); // finds the new version, and shows the old one
-  seen.oldTitle = await page.title();
+  await page.evaluate(async () => (await navigator.serviceWorker.getRegistration()).update()); // browsers do so after a start
   await says(page, "A new version");
+  seen.oldTitle = await page.title();
   await page.reload();
   await page.waitForFunction(() => document.title === "Newer");
   await loaded(page);
