@@ -56,7 +56,7 @@ def soak(data: pathlib.Path, folder: pathlib.Path, *, kills: int, steps: int, co
     _say(f"left alone: {steps} steps of {pace.step:.2f} s after {pace.start:.0f} s to start")
 
     rng = random.Random(0)
-    moments = [(STARTING, STEPPING, SAVING)[number % 3] for number in range(kills)]
+    moments = [(SAVING, STEPPING, STARTING)[number % 3] for number in range(kills)]
     rng.shuffle(moments)
     for number, moment in enumerate(moments):
         first, last = (max(1, round(steps * part / (kills + 1))) for part in (number, number + 1))

@@ -15,14 +15,14 @@ ENDLESS = 1_000_000  # steps
 CONFIG = "seq2seq:talk:debug"
 
 
-@pytest.fixture(scope="module")
-def soaked(tiny_talk, tmp_path_factory):
-    """A folder with the runs "whole" and "broken", the second killed three times, and their differences."""
+@pytest.fixture(scope="module", params=[1, 3])
+def soaked(tiny_talk, tmp_path_factory, request):
+    """A folder with the runs "whole" and "broken", the second killed so often, and their differences."""
     folder = tmp_path_factory.mktemp("soak")
-    return folder, soak.soak(tiny_talk, folder, kills=3, steps=25, config=CONFIG)
+    return folder, soak.soak(tiny_talk, folder, kills=request.param, steps=25, config=CONFIG)
 
 
-def test_a_run_that_is_killed_three_times_ends_as_one_left_alone(soaked):
+def test_a_run_that_is_killed_ends_as_one_left_alone(soaked):
     assert soaked[1] == []
 
 
