@@ -72,10 +72,10 @@ def load_path(path: str | os.PathLike, expected: str) -> LoadedModel:
         workdirs = [folder for folder in (whole, whole.parent, whole.parent.parent) if _is_workdir(folder)]
     if is_folder:
         return read(path)
-    if workdirs:
-        return _load_checkpoint(workdirs[0], whole)
     if exists and path.suffix.lower() == ".onnx":
         raise UserError(f"{shown(path)} is for ha2g generate alone; give the model that it was exported from")
+    if workdirs and {*whole.relative_to(workdirs[0]).parts[:1]} <= {BEST, LATEST, FAILED}:
+        return _load_checkpoint(workdirs[0], whole)
     found = f"{WEIGHTS} is missing" if exists else "nothing is there"
     raise UserError(f"no model in {shown(path)}: {found}; expected {expected}")
 

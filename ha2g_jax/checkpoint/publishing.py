@@ -164,6 +164,8 @@ def _difference(first: LoadedModel, second: LoadedModel) -> str:
         return f"their weights ({sizes})"
     if sorted(first.assets.speakers) != sorted(second.assets.speakers):
         return "their speakers"
+    if first.spec.identity == "speaker" and list(first.assets.speakers) != list(second.assets.speakers):
+        return "the order of their speakers"
     means = first.spec.skeleton.mean_directions, second.spec.skeleton.mean_directions
     if np.abs(means[0] - means[1]).max() > _MAX_DIFFERENCE:
         return "the mean pose of their data"

@@ -239,12 +239,11 @@ def _load(arguments: argparse.Namespace) -> dict[str, "Motion"]:
     paths, names = arguments.motions, arguments.names or names_of(arguments.motions)
     if len(names) != len(paths):
         raise UserError(f"{len(names)} names for {len(paths)} motions; give one each")
+    names = [shown(name) for name in names]
     if len(set(names)) < len(names):
-        raise UserError("two motions have the same name; give different names with --names")
+        raise UserError("two motions have the same name, as it is shown; give different names with --names")
     fps = max(_FPS, arguments.fps or 0)
-    return {
-        shown(name): read_motion(path, fps=fps, **reading(arguments)) for name, path in zip(names, paths, strict=True)
-    }
+    return {name: read_motion(path, fps=fps, **reading(arguments)) for name, path in zip(names, paths, strict=True)}
 
 
 def names_of(paths: Sequence[pathlib.Path]) -> list[str]:

@@ -277,7 +277,7 @@ def _read(pair: _Pair, skeleton: str, reading: Reading, with_audio: bool) -> _Re
     audio = None if pair.audio is None else read_audio(pair.audio)
     onsets, num_frames = None, len(reference.directions)
     if audio is not None:
-        onsets = audio_onsets(audio, len(audio) / SAMPLE_RATE)
+        onsets = audio_onsets(audio, min(len(audio) / SAMPLE_RATE, (num_frames + 1) / FPS))
         num_frames = max(1, round(len(audio) / SAMPLE_RATE * FPS))
     own = {"id": pair.name, "recording": pair.recording, "fps": FPS}
     true = {"onsets": onsets, "audio": audio if with_audio else None, "borders": reference.borders}

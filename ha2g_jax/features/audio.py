@@ -193,8 +193,8 @@ def _collect(
 
 
 def check_samples(samples: np.ndarray) -> np.ndarray:
-    """Return speech (samples,) float32 at 16 kHz with 0 in place of samples that are not finite, with a warning in the
-    log.
+    """Return speech (samples,) float32 at 16 kHz with a peak of at most 1, and with 0 in place of samples that are not
+    finite, with a warning in the log.
 
     Raises:
         UserError: the speech is shorter than 0.2 s or longer than 65 minutes, or no sample is finite.
@@ -204,7 +204,7 @@ def check_samples(samples: np.ndarray) -> np.ndarray:
     _check_most(len(samples), SAMPLE_RATE, 1, name, MAX_SOUND_SECONDS)
     samples, num_bad = _finite(samples)
     _report(num_bad, len(samples), name)
-    return samples
+    return _limited(samples)
 
 
 def _check_least(num_samples: int, rate: int, name: str) -> None:

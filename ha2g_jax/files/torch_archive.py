@@ -179,13 +179,13 @@ class _Archive:
         # The second term refuses views that repeat numbers, which could be larger than the file.
         if len(shape) > _MAX_DIMENSIONS or (count and (last >= numbers.size or count > numbers.size)):
             raise _Refused(f"a tensor of shape {str(shape)[:60]} in {numbers.size} numbers")
-        if not count:
-            return np.zeros(shape, numbers.dtype)
         steps = [stride * numbers.itemsize for stride in strides]
-        view = np.lib.stride_tricks.as_strided(numbers[offset:], shape, steps, writeable=False)
+        view = (
+            np.lib.stride_tricks.as_strided(numbers[offset:], shape, steps, writeable=False) if count else numbers[:0]
+        )
         if storage.kind == _BFLOAT16:
-            return (view.astype(np.uint32) << 16).view(np.float32)
-        return view
+            view = np.asarray(view.astype(np.uint32) << 16).view(np.float32)
+        return view.reshape(shape)
 
     def _numbers(self, storage: _Storage) -> np.ndarray:
         if storage.kind not in _TYPES:

@@ -21,6 +21,7 @@ from ha2g_jax.methods.method import (
     FLOAT32,
     Batch,
     Compute,
+    NoSettings,
     Poses,
     Run,
     Spec,
@@ -29,7 +30,7 @@ from ha2g_jax.methods.method import (
     restore,
     subtract_mean,
 )
-from ha2g_jax.methods.networks import apply, no_settings
+from ha2g_jax.methods.networks import apply
 from ha2g_jax.skeleton import Skeleton, normalize
 
 # Size of the latent for each skeleton: Table 9, and Yoon et al. 2020 for TED-Gesture.
@@ -136,7 +137,7 @@ def cosine(directions: jax.Array, target_directions: jax.Array) -> jax.Array:
 rngs: tuple[str, ...] = ("dropout",)
 reconstruction_term = "reconstruction"
 has_parts = False
-loss_settings = no_settings
+LossSettings = NoSettings
 
 
 class Terms(NamedTuple):
@@ -184,7 +185,7 @@ def run(
     return Run(Poses((poses,)), None, batch_stats)
 
 
-def terms(spec: Spec, settings: None, outputs: Poses, constants: None, targets: jax.Array, gan: None) -> Terms:
+def terms(spec: Spec, settings: NoSettings, outputs: Poses, constants: None, targets: jax.Array, gan: None) -> Terms:
     """Return the unweighted terms; see `Method.terms`."""
     del settings, constants, gan
     (poses,) = outputs.poses

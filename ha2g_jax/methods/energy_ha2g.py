@@ -7,7 +7,7 @@ adversary, a sample takes one forward pass, and training samples as generation d
 speech (Gritsenko et al. 2020), regression (Shen and Meinshausen 2024) and weather forecasts (Alet et al. 2025).
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -100,11 +100,6 @@ def run(
     pairs = [poses.reshape(-1, 2, *poses.shape[1:]) for poses in levels]
     poses, others = (tuple(pair[:, index] for pair in pairs) for index in (0, 1))
     return Run(Outputs(poses, others, Features(*features[:3]), text, mean, log_variance), None, batch_stats)
-
-
-def loss_settings(settings: Mapping[str, Any]) -> LossSettings:
-    """Return the numbers and choices of the terms; see `Method.loss_settings`."""
-    return LossSettings(settings["temperature"], tuple(settings["negatives"]))
 
 
 def terms(

@@ -19,6 +19,7 @@ from ha2g_jax.methods.method import (
     FLOAT32,
     Batch,
     Compute,
+    NoSettings,
     Poses,
     Run,
     Spec,
@@ -163,7 +164,7 @@ reconstruction_term = "l1"
 has_parts = False
 init_arguments = generator_arguments
 encode_speech, encode_identity = networks.encode_speech, networks.encode_identity
-loss_settings = networks.no_settings
+LossSettings = NoSettings
 
 
 class Terms(NamedTuple):
@@ -256,7 +257,7 @@ def _encode_and_decode(
     return model.decode(latent, mean_style(model, identity, seed_pose, train=train), seed_pose, train=train)
 
 
-def terms(spec: Spec, settings: None, outputs: Poses, constants: None, targets: jax.Array, gan: None) -> Terms:
+def terms(spec: Spec, settings: NoSettings, outputs: Poses, constants: None, targets: jax.Array, gan: None) -> Terms:
     """Return the one term; see `Method.terms`."""
     del spec, settings, constants, gan
     return Terms(l1(outputs.poses[-1], targets))

@@ -109,6 +109,10 @@ class Poses(NamedTuple):
     poses: tuple[jax.Array]
 
 
+class NoSettings(NamedTuple):
+    """`Method.LossSettings` of a method whose terms have none."""
+
+
 class Method(Protocol):
     """Functions that training calls; the pose auto-encoder of the Frechet gesture distance has only these.
 
@@ -116,21 +120,16 @@ class Method(Protocol):
         rngs: names of the random streams of `run`.
         Terms: NamedTuple of the terms of the objective, or of their weights; it has a field `gan` if and only if there
             is a discriminator.
+        LossSettings: NamedTuple of the settings of the terms, `config.loss.<method>` without weights and kind of GAN.
         reconstruction_term: name of the term that measures the error of the poses.
         has_parts: whether `run` can process the batch in `Compute.num_parts` parts.
     """
 
-    @property
-    def rngs(self) -> tuple[str, ...]: ...
-
-    @property
-    def Terms(self) -> Any: ...
-
-    @property
-    def reconstruction_term(self) -> str: ...
-
-    @property
-    def has_parts(self) -> bool: ...
+    rngs: tuple[str, ...]
+    Terms: Any
+    LossSettings: Any
+    reconstruction_term: str
+    has_parts: bool
 
     def build(self, config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
         """Build the networks that `config.model` and `config.data` describe, see `ha2g_jax.methods.build`.
@@ -159,10 +158,6 @@ class Method(Protocol):
 
         The batch has arrays as in `ha2g_jax.train.step.train_step`; `keys` has a key for each name in `Method.rngs`.
         """
-        ...
-
-    def loss_settings(self, settings: Mapping[str, Any]) -> Any:
-        """Return `config.loss.<method>`, without its weights and kind of GAN, as a hashable value for `terms`."""
         ...
 
     def terms(self, spec: Spec, settings: Any, outputs: Any, constants: Any, targets: jax.Array, gan: Any) -> Any:

@@ -128,11 +128,6 @@ def draw_noise(spec: Spec, key: jax.Array, count: int) -> jax.Array:
     return track(seeds, moments + jnp.arange(spec.num_frames)[None], spec.fps, spec.noise_dim)
 
 
-def no_settings(settings: Mapping[str, Any]) -> None:
-    """Return None: the `loss_settings` of a method whose terms have none."""
-    del settings
-
-
 def apply(
     module: nn.Module,
     variables: Variables,

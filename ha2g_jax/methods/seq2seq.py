@@ -18,7 +18,7 @@ from ha2g_jax.layers.gru import BiGRU, GRUCells
 from ha2g_jax.layers.linear import Embedding, Linear
 from ha2g_jax.layers.resnet_se import AudioEncoder
 from ha2g_jax.methods import networks
-from ha2g_jax.methods.method import Poses, Spec, generator_arguments, make_spec
+from ha2g_jax.methods.method import NoSettings, Poses, Spec, generator_arguments, make_spec
 from ha2g_jax.methods.networks import identity_encoder, mean_style, resnet_se, speech_features
 from ha2g_jax.skeleton import Skeleton
 
@@ -212,7 +212,7 @@ rngs: tuple[str, ...] = ("dropout",)
 reconstruction_term = "mse"
 has_parts = False
 init_arguments = generator_arguments
-run, loss_settings = networks.run, networks.no_settings
+run, LossSettings = networks.run, NoSettings
 encode_speech, encode_identity, sample = networks.encode_speech, networks.encode_identity, networks.sample
 
 
@@ -255,7 +255,7 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
     return make_spec(config, skeleton, generator, inputs=("plain_words",) if audio is None else audio.inputs)
 
 
-def terms(spec: Spec, settings: None, outputs: Poses, constants: None, targets: jax.Array, gan: None) -> Terms:
+def terms(spec: Spec, settings: NoSettings, outputs: Poses, constants: None, targets: jax.Array, gan: None) -> Terms:
     """Return the unweighted terms; see `Method.terms`."""
     del spec, settings, constants, gan
     (poses,) = outputs.poses

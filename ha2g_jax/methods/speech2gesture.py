@@ -18,7 +18,7 @@ from ha2g_jax.layers.conv import BatchNorm
 from ha2g_jax.layers.linear import Linear
 from ha2g_jax.layers.resnet_se import MEL_RANGE
 from ha2g_jax.methods import networks
-from ha2g_jax.methods.method import Poses, Spec, generator_arguments, make_spec
+from ha2g_jax.methods.method import NoSettings, Poses, Spec, generator_arguments, make_spec
 from ha2g_jax.methods.networks import identity_encoder, mean_style
 from ha2g_jax.skeleton import Skeleton
 
@@ -189,7 +189,7 @@ rngs: tuple[str, ...] = ("dropout",)
 reconstruction_term = "l1"
 has_parts = False
 init_arguments = generator_arguments
-run, loss_settings = networks.run, networks.no_settings
+run, LossSettings = networks.run, NoSettings
 encode_speech, encode_identity, sample = networks.encode_speech, networks.encode_identity, networks.sample
 
 
@@ -236,7 +236,9 @@ def _check_stages(config: Config) -> None:
         )
 
 
-def terms(spec: Spec, settings: None, outputs: Poses, constants: None, targets: jax.Array, gan: jax.Array) -> Terms:
+def terms(
+    spec: Spec, settings: NoSettings, outputs: Poses, constants: None, targets: jax.Array, gan: jax.Array
+) -> Terms:
     """Return the unweighted terms; see `Method.terms`."""
     del spec, settings, constants
     return Terms(l1(outputs.poses[-1], targets), gan)

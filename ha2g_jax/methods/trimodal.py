@@ -1,6 +1,5 @@
 """Trimodal (Yoon et al. 2020): from speech, words and speaker to poses, with adversarial and style diverging losses."""
 
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import jax
@@ -169,11 +168,6 @@ def run(
 
 def _encode(model: Trimodal, speech: dict[str, jax.Array], speaker: jax.Array, *, train: bool) -> Any:
     return model.encode_speech(speech, train=train), model.encode_identity(speaker, train=train)
-
-
-def loss_settings(settings: Mapping[str, Any]) -> LossSettings:
-    """Return the numbers of the terms; see `Method.loss_settings`."""
-    return LossSettings(**settings)
 
 
 def terms(

@@ -113,7 +113,8 @@ def head_and_trunk(body: UpperBody) -> Features:
     features = {f"{name} sd": _log(spread_of_directions(vectors)) for name, vectors in parts.items()}
     features["turn sd"] = _log(np.degrees(np.arctan2(across[:, 2], across[:, 0]).std()))
     for name, vectors in parts.items():
-        steps = np.linalg.norm(np.diff(vectors, axis=0), axis=-1) / np.linalg.norm(vectors[1:], axis=-1)
+        sizes, moved = np.linalg.norm(vectors[1:], axis=-1), np.linalg.norm(np.diff(vectors, axis=0), axis=-1)
+        steps = np.divide(moved, sizes, out=np.zeros_like(moved), where=sizes > 1e-9)  # without length: no direction
         features[f"{name} speed"] = _log(np.degrees(steps.mean()) * body.fps)
     return features
 

@@ -52,18 +52,18 @@ def term_gradients(objective: Objective, state: TrainState, batch: Batch, key: j
     """
     keys = step_keys(objective.spec, key, state.step)
     targets = subtract_mean(objective.spec, batch["directions"])
-    (outputs, constants, _), pull_back = run_generator(objective, state.generator, batch, keys)
+    run, pull_back = run_generator(objective, state.generator, batch, keys)
 
     def terms(outputs: Any) -> jax.Array:
-        values = loss_terms(objective, state.discriminator, outputs, constants, targets, keys["gan"], train=True)
-        return jnp.stack(values)
+        changed = run._replace(outputs=outputs)
+        return jnp.stack(loss_terms(objective, state.discriminator, changed, targets, keys["gan"], train=True))
 
     def norms(weights: jax.Array) -> tuple[jax.Array, jax.Array]:
         (cotangent,) = pull_terms(weights)
         (gradient,) = pull_back(cotangent)
         return optax.tree.norm(gradient), optax.tree.norm(cotangent.poses[-1])
 
-    values, pull_terms = jax.vjp(terms, outputs)
+    values, pull_terms = jax.vjp(terms, run.outputs)
     weights = jnp.array(objective.weights)
     # One term after the other, so that memory and compilation are those of one gradient.
     found = jax.lax.map(norms, jnp.concatenate([jnp.diag(weights), weights[None]]))

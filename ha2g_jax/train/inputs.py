@@ -83,9 +83,7 @@ def open_validation(config: Config, spec: Spec, corpus: Corpus, vocabulary: Voca
         return None
 
 
-def training_batches(
-    config: Config, windows: Windows, first: int, host: int = 0, num_hosts: int = 1
-) -> grain.DatasetIterator:
+def training_batches(config: Config, windows: Windows, first: int) -> grain.DatasetIterator:
     """Return this host's part of the training batches from number `first` on; see `ha2g_jax.data.batches`."""
     data = config.data
     return batches(
@@ -105,8 +103,8 @@ def training_batches(
             least_heard=data.num_seed_frames,
         ),
         first=first,
-        host=host,
-        num_hosts=num_hosts,
+        host=jax.process_index(),
+        num_hosts=jax.process_count(),
         workers=data.workers,
     )
 

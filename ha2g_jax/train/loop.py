@@ -125,7 +125,7 @@ def _train(
             f"{shown(workdir)} is at step {step}, beyond config.train.steps, which is {num_steps}: set "
             "--config.train.steps to more, or choose another --workdir"
         )
-    batches = inputs.training_batches(config, windows, step, jax.process_index(), jax.process_count())
+    batches = inputs.training_batches(config, windows, step)
     if hosts.is_first():
         if found:
             tqdm.tqdm.write(f"continuing at step {step} of {num_steps}", file=sys.stderr)

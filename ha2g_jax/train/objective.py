@@ -89,10 +89,11 @@ def build_objective(
     generator_rate = learning_rate(train.schedule, train.learning_rate, train.steps)
     discriminator_rate = learning_rate(train.schedule, train.discriminator_learning_rate, train.steps)
     own = {name: value for name, value in loss.items() if name not in _COMMON_LOSS_SETTINGS}
+    own |= {name: tuple(value) for name, value in own.items() if isinstance(value, list)}  # hashable
     return Objective(
         spec=spec,
         weights=method.Terms(**{name: float(weight) for name, weight in loss.weights.items()}),
-        settings=method.loss_settings(own),
+        settings=method.LossSettings(**own),
         gan=loss.get("gan", ""),
         generator_optimizer=adam(generator_rate, tuple(train.betas), train.clip_norm),
         discriminator_optimizer=adam(discriminator_rate, tuple(train.betas), train.clip_norm),

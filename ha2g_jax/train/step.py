@@ -70,7 +70,7 @@ def train_step(objective: Objective, state: TrainState, batch: Batch, key: jax.A
     targets = subtract_mean(spec, batch["directions"])
     has_gan = state.step >= objective.warmup_steps
 
-    (outputs, constants, generator_stats), pull_back = run_generator(objective, state.generator, batch, keys)
+    run, pull_back = run_generator(objective, state.generator, batch, keys)
     discriminator, discriminator_metrics = state.discriminator, {}
     if discriminator is not None:
         discriminator, discriminator_metrics = _update_discriminator(
@@ -78,15 +78,15 @@ def train_step(objective: Objective, state: TrainState, batch: Batch, key: jax.A
             discriminator,
             state.step,
             targets,
-            jax.lax.stop_gradient(outputs.poses[-1]),
+            jax.lax.stop_gradient(run.outputs.poses[-1]),
             keys["discriminator"],
         )
         discriminator = _where(has_gan, discriminator, state.discriminator)
 
-    cotangent, metrics = output_gradient(objective, discriminator, outputs, constants, targets, keys["gan"], has_gan)
+    cotangent, metrics = output_gradient(objective, discriminator, run, targets, keys["gan"], has_gan)
     (gradient,) = pull_back(cotangent)
     generator = _update(state.generator, gradient, objective.generator_optimizer, state.step)
-    generator = generator.replace(batch_stats=generator_stats)
+    generator = generator.replace(batch_stats=run.batch_stats)
 
     metrics |= {"grad_norm/generator": optax.tree.norm(gradient)} | discriminator_metrics
     is_finite = state.is_finite & jnp.isfinite(jnp.stack(list(metrics.values()))).all()
@@ -127,9 +127,9 @@ def validation_step(objective: Objective, state: TrainState, batch: Batch, key: 
         "loss/<term>" (unweighted) and "loss/total" (weighted, with the GAN term also during warm-up).
     """
     spec, keys = objective.spec, step_keys(objective.spec, key, jnp.zeros((), jnp.int32))
-    method, targets = method_of(spec), subtract_mean(spec, batch["directions"])
-    outputs, constants, _ = method.run(spec, state.model, batch, keys, train=False, compute=objective.compute)
-    terms = loss_terms(objective, state.discriminator, outputs, constants, targets, keys["gan"], train=False)
+    targets = subtract_mean(spec, batch["directions"])
+    run = method_of(spec).run(spec, state.model, batch, keys, train=False, compute=objective.compute)
+    terms = loss_terms(objective, state.discriminator, run, targets, keys["gan"], train=False)
     return _loss_metrics(terms, total(objective.weights, terms))
 
 
@@ -163,18 +163,18 @@ def run_generator(
 def loss_terms(
     objective: Objective,
     discriminator: Network | None,
-    outputs: Any,
-    constants: Any,
+    run: Run[Any, Any],
     targets: jax.Array,
     key: jax.Array,
     *,
     train: bool,
 ) -> Any:
-    """Return the unweighted terms of the objective, `Method.Terms`.
+    """Return the unweighted terms of the objective, `Method.Terms`, of a run of the generator.
 
-    Outputs and constants are those of `Method.run`; the targets are the true poses (B, N, pose_dim), mean-subtracted.
-    The discriminator, None for a method without one, runs in training mode if `train`, with the key for its dropout.
+    The targets are the true poses (B, N, pose_dim), mean-subtracted. The discriminator, None for a method without one,
+    runs in training mode if `train`, with the key for its dropout.
     """
+    outputs, constants, _ = run
     gan = None if discriminator is None else _gan_term(objective, discriminator, outputs.poses[-1], key, train=train)
     return method_of(objective.spec).terms(objective.spec, objective.settings, outputs, constants, targets, gan)
 
@@ -182,8 +182,7 @@ def loss_terms(
 def output_gradient(
     objective: Objective,
     discriminator: Network | None,
-    outputs: Any,
-    constants: Any,
+    run: Run[Any, Any],
     targets: jax.Array,
     key: jax.Array,
     has_gan: jax.Array,
@@ -199,6 +198,7 @@ def output_gradient(
         "gradient_ratio/gan" of `train_step`.
     """
     spec, weights, method = objective.spec, objective.weights, method_of(objective.spec)
+    outputs, constants, _ = run
     gan = gan_gradient = None
     if discriminator is not None:
         weights = weights._replace(gan=jnp.where(has_gan, weights.gan, 0.0))

@@ -123,3 +123,12 @@ def test_no_model(tmp_path):
     for path in (tmp_path / "nowhere", tmp_path):
         with pytest.raises(UserError, match=r"no model in .*expected 'demo', a workdir"):
             model_folder.load(path)
+
+
+def test_what_is_no_checkpoint_in_a_workdir_is_named(tmp_path):
+    (tmp_path / "best").mkdir()
+    for name in ("config.json", "model.onnx"):
+        (tmp_path / name).write_text("{}")
+    for name, message in {"typo": "nothing is there", "model.onnx": "is for ha2g generate alone"}.items():
+        with pytest.raises(UserError, match=message):
+            model_folder.load(tmp_path / name)

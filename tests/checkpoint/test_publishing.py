@@ -8,7 +8,7 @@ import pytest
 
 from ha2g_jax import cli
 from ha2g_jax.checkpoint import model_folder, weights
-from ha2g_jax.checkpoint.publishing import average_models
+from ha2g_jax.checkpoint.publishing import _difference, average_models
 from ha2g_jax.checkpoint.weights import is_word_table
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import UNKNOWN, Vocabulary
@@ -68,3 +68,11 @@ def test_models_of_other_training_are_refused(debug_model, save, tmp_path):
         with pytest.raises(UserError, match=f"^[^\n]* differ in {difference}; average models that were trained"):
             average_models([first, second], tmp_path / "mean")
     assert not (tmp_path / "mean").exists()
+
+
+def test_tables_of_speakers_in_another_order_are_refused(save):
+    first = model_folder.load(save("a"))
+    first = first._replace(spec=first.spec._replace(identity="speaker"))
+    speakers = dict(reversed(first.assets.speakers.items()))
+    second = first._replace(assets=dataclasses.replace(first.assets, speakers=speakers))
+    assert _difference(first, second) == "the order of their speakers" and not _difference(first, first)

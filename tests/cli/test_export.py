@@ -124,6 +124,8 @@ def test_motions_go_by_the_names_of_their_files_and_if_need_be_folders(files):
     assert names("a.npz", "b.npz", names=["x", "y"]) == ["x", "y"]
     run("export", files / "a.npz", "-o", files / "a.bvh")
     assert names("a.npz", "a.bvh") == ["in/a.npz", "in/a.bvh"]
+    with pytest.raises(UserError, match="the same name, as it is shown"):
+        names("a.npz", "b.npz", names=[110 * "a" + which + 110 * "b" for which in "12"])
 
 
 def test_the_motions_of_a_folder_are_written_below_another(files, tmp_path):

@@ -90,9 +90,12 @@ def test_sound_resampled_in_blocks_is_that_resampled_at_once(tmp_path, monkeypat
     np.testing.assert_array_equal(found[: len(expected)], expected[: len(found)])
 
 
-def test_a_loud_float_file_is_scaled_to_full_scale(tmp_path):
+def test_loud_floats_are_scaled_to_full_scale(tmp_path):
     soundfile.write(tmp_path / "loud.wav", 100 * tone(1), 16000, subtype="FLOAT")
     assert np.abs(audio.read_audio(tmp_path / "loud.wav")).max() == pytest.approx(1)
+    for factor in (32767, 1e20):
+        loud = (factor * tone(1)).astype(np.float32)
+        np.testing.assert_allclose(audio.check_samples(loud), audio.convert_samples(loud, 16000), rtol=1e-6)
 
 
 def test_single_broken_samples_become_silence_with_a_warning(tmp_path, caplog):

@@ -82,6 +82,13 @@ def test_groups_see_what_they_are_named_for():
     assert area(person, windows((0.1, 0.0), 2), "bimanual") == 1
 
 
+def test_a_head_without_length_for_some_frames_has_no_turns_there():
+    body = swinging(30, (0.1, -0.1))
+    head = np.where(np.arange(len(body.head))[:, None] // 10 == 1, 0, body.head)
+    body = body._replace(head=head)
+    assert np.isfinite(giveaway.windows_of([body], np.zeros(1), np.zeros(1)).features).all()
+
+
 def test_hands_by_hand():
     body = swinging(60, (0.2, -0.2))
     assert hands.lateral_spread(body) == pytest.approx(100 * 0.2 / np.sqrt(2), rel=0.02)

@@ -40,6 +40,11 @@ def export(
             "one line, such as Apache-2.0"
         )
     loaded = model_folder.load(source)
+    if len(name := loaded.config.name) > MAX_TEXT or not name.isprintable():
+        raise UserError(
+            f"the name of the model '{shown(name)}' is too long or cannot be printed; change name in its config.json "
+            f"to at most {MAX_TEXT} characters of one line"
+        )
     model = build(loaded, weights=weights, license=license or ("Apache-2.0" if source == "demo" else ""))
     content = model.SerializeToString()
     try:

@@ -181,10 +181,11 @@ def _discriminator(layers: int) -> Pairs:
 
 def _waveform(tensors: Mapping[str, Any]) -> Pairs:
     """The encoder of raw speech, found by shapes: convolutions by their input channels, norms by their width."""
-    modules = {name.rpartition(".")[0] for name in tensors if not name.startswith("text_encoder.")}
+    shapes = {name: it.shape for name, it in tensors.items() if isinstance(name, str) and isinstance(it, np.ndarray)}
+    modules = {name.rpartition(".")[0] for name in shapes if not name.startswith("text_encoder.")}
 
     def find(entry: str, is_met: Any) -> str:
-        found = [it for it in sorted(modules) if f"{it}.{entry}" in tensors and is_met(tensors[f"{it}.{entry}"].shape)]
+        found = [it for it in sorted(modules) if f"{it}.{entry}" in shapes and is_met(shapes[f"{it}.{entry}"])]
         return found[0] if len(found) == 1 else f"(raw-waveform encoder, {entry})"
 
     for number, channels in enumerate(_WAVEFORM_CHANNELS, 1):

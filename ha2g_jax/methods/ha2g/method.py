@@ -2,7 +2,7 @@
 
 import functools
 import reprlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -158,11 +158,6 @@ def terms(
         ),
         angle=losses.angle(angles, true),
     )
-
-
-def loss_settings(settings: Mapping[str, Any]) -> LossSettings:
-    """Return the numbers and choices of the terms; see `Method.loss_settings`."""
-    return LossSettings(**settings)._replace(negatives=tuple(settings["negatives"]))
 
 
 def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:

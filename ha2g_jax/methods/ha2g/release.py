@@ -43,7 +43,7 @@ _FIXED = {
 
 rngs, Terms, reconstruction_term, has_parts = paper.rngs, paper.Terms, paper.reconstruction_term, paper.has_parts
 init_arguments, encode_speech, encode_identity = paper.init_arguments, paper.encode_speech, paper.encode_identity
-sample, loss_settings, terms = paper.sample, paper.loss_settings, paper.terms
+sample, LossSettings, terms = paper.sample, paper.LossSettings, paper.terms
 
 
 class SpeechFeatures(NamedTuple):

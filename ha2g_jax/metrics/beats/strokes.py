@@ -7,6 +7,7 @@ that of the same motion with mismatched speech, or with the sound rotated in tim
 """
 
 import itertools
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -182,6 +183,7 @@ def recording_row(audio: np.ndarray, body: UpperBody, first_frame: int = 4) -> R
     none. Scoring starts at `first_frame`.
     """
     start, end = first_frame / body.fps, min(len(audio) / ONSET_RATE, len(body.wrists) / body.fps)
+    audio = audio[: math.ceil(end * ONSET_RATE)]
     times = (audio_onsets(audio, end), stroke_beats(body.wrists, body.fps))
     onsets, moves = (x[(x >= start) & (x < end)] - start for x in times)
     spans = np.clip(speech_spans(audio) - start, 0, end - start)

@@ -117,7 +117,7 @@ def audio_onsets(audio: np.ndarray, duration: float) -> np.ndarray:
     power = np.mean(np.square(blocks), axis=1).max(initial=0)
     if power < 10 ** (SILENCE_DB / 10):
         return np.zeros(0)
-    padded = np.pad(np.asarray(audio, np.float32), (0, max(0, _MIN_SAMPLES - len(audio))))
+    padded = np.pad(np.asarray(sound, np.float32), (0, max(0, _MIN_SAMPLES - len(sound))))
     times = detect_onsets(padded)
     return times[times < duration]
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import shutil
 
 import jax
 import numpy as np
@@ -182,6 +183,10 @@ def test_what_could_not_be_read_is_not_written(debug_folder, tmp_path, monkeypat
         with pytest.raises(UserError, match=r"the licence .* give at most 200 characters of one line"):
             export(debug_folder, tmp_path / "model.onnx", license=text)
     assert not list(tmp_path.iterdir())
+    config = shutil.copytree(debug_folder, tmp_path / "named") / "config.json"
+    config.write_text(json.dumps(json.loads(config.read_text()) | {"name": 201 * "x"}))
+    with pytest.raises(UserError, match=r"the name of the model .* at most 200 characters of one line"):
+        export(tmp_path / "named", tmp_path / "model.onnx")
 
 
 def test_a_model_folder_is_exported_as_one_file_and_for_a_page_with_its_description(debug, debug_folder, tmp_path):

@@ -172,6 +172,12 @@ def test_what_does_not_fit_is_named(change, message, content):
         read_released([])
 
 
+@pytest.mark.parametrize("entry", [{0: np.ones(2, np.float32)}, {"conv.weight": [1.0]}])
+def test_entries_of_other_kinds_fit_no_baseline(entry):
+    with pytest.raises(DoesNotFitError):
+        read_released({"pose_dim": 27, "gen_dict": entry})
+
+
 def test_an_auto_encoder_becomes_a_model_folder_that_measures_motion(autoencoder, torch_files, tmp_path, capsys):
     rng = np.random.default_rng(0)
     unused = {"pose_encoder.fc_logvar.weight": np.ones((32, 32)), "pose_encoder.fc_logvar.bias": np.ones(32)}

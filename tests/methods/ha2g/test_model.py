@@ -157,7 +157,7 @@ def test_the_control_of_the_contrastive_term_sees_the_text_of_another_window():
     def contrastive(kind, text):
         outputs = ha2g.Outputs((poses,), Features(*features), text, f_id, f_id)
         constants = ha2g.Constants(other, f_id, other_f_id)
-        chosen = ha2g.loss_settings(settings | {"text": kind})
+        chosen = ha2g.LossSettings(**settings)._replace(text=kind)
         return ha2g.terms(spec, chosen, outputs, constants, jnp.asarray(poses), jnp.zeros(())).contrastive
 
     assert contrastive("other", text) == contrastive("own", np.roll(text, 1, axis=0)) != contrastive("own", text)

@@ -190,6 +190,8 @@ def test_onsets_of_clicks_and_none_under_the_floor():
         assert len(audio_onsets(silence, 3.0)) == 0
     assert len(audio_onsets(audio, 0.4)) == 0  # what is loud comes later
     assert audio_onsets(audio[8000:9500], 3.0).max(initial=0) < 0.1  # shorter than a spectrum
+    with_noise = np.append(0.1 * audio, np.random.default_rng(1).uniform(-1, 1, 16000)).astype(np.float32)
+    np.testing.assert_array_equal(audio_onsets(with_noise, 3.0), audio_onsets(0.1 * audio, 3.0))
 
 
 def many(count: int, rng: np.random.Generator) -> list[Clip]:
