@@ -58,8 +58,8 @@ MAX_VOCABULARY = 1_000_000
 MAX_SPEAKERS = 10_000
 """Speakers of a model."""
 
-MAX_START_POSES = 1_000
-"""Start poses of a model."""
+MAX_SEED_POSES = 1_000
+"""Seed poses of a model."""
 
 MAX_WINDOW_FRAMES = 68
 """Frames of a window of a model."""

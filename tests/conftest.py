@@ -199,7 +199,7 @@ def tiny_talk(tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
 
 @pytest.fixture(scope="session")
 def debug_model():
-    """A model of the debug size with random weights, two speakers and three start poses."""
+    """A model of the debug size with random weights, two speakers and three seed poses."""
     return _draw_model("ha2g")
 
 

@@ -90,7 +90,7 @@ def method():
     speech = random.normal(0, 0.1, 48_000).astype(np.float32)
     first, again, other = (model.generate(speech, seed=seed).directions for seed in (0, 0, 1))
     assert first.shape == (45, SKELETON.num_bones, 3) and np.isfinite(first).all()
-    assert (first == again).all() and np.abs(first - other).max() > 0.1  # the start pose is the same for all seeds
+    assert (first == again).all() and np.abs(first - other).max() > 0.1  # the seed pose is the same for all seeds
 
 
 def data_set():

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ha2g_jax.features.text import Vocabulary
-from ha2g_jax.limits import MAX_START_POSES
+from ha2g_jax.limits import MAX_SEED_POSES
 from ha2g_jax.skeleton import SKELETONS, Skeleton, load_skeleton
 
 SCHEMA_VERSION = 1
@@ -69,8 +69,8 @@ def from_json(values: Any) -> Assets:
     seed_poses = _array(values["seed_poses"], "seed_poses")
     if seed_poses.ndim != 4 or not len(seed_poses) or seed_poses.shape[2:] != (skeleton.num_bones, 3):
         raise ValueError(f"seed_poses has shape {seed_poses.shape} instead of (K, M, {skeleton.num_bones}, 3)")
-    if len(seed_poses) > MAX_START_POSES:
-        raise ValueError(f"{len(seed_poses)} start poses instead of at most {MAX_START_POSES}")
+    if len(seed_poses) > MAX_SEED_POSES:
+        raise ValueError(f"{len(seed_poses)} seed poses instead of at most {MAX_SEED_POSES}")
     words, speakers, found = values["vocabulary"], values["speakers"], values["hash"]
     if not isinstance(words, list) or not all(isinstance(word, str) for word in words):
         raise ValueError("the vocabulary is not a list of words")
@@ -88,13 +88,13 @@ def from_json(values: Any) -> Assets:
 
 
 def check_fit(assets: Assets, num_seed_frames: int, style_dim: int) -> None:
-    """Check that start poses and styles have the sizes of the networks.
+    """Check that seed poses and styles have the sizes of the networks.
 
     Raises:
         ValueError: a size differs.
     """
     if assets.seed_poses.shape[1] != num_seed_frames:
-        raise ValueError(f"start poses of {assets.seed_poses.shape[1]} frames instead of {num_seed_frames}")
+        raise ValueError(f"seed poses of {assets.seed_poses.shape[1]} frames instead of {num_seed_frames}")
     for name, f_id in assets.speakers.items():
         if f_id.shape != (style_dim,):
             raise ValueError(f"the style of {name[:50]!r} has shape {f_id.shape} instead of ({style_dim},)")

@@ -243,7 +243,7 @@ def generate_clip(
 ) -> np.ndarray:
     """Generate the direction vectors (T, bones, 3) of a motion for the speech of a clip, in a style (style_dim,).
 
-    If no start poses (seed frames, bones, 3) are given, the model draws them, as it always does for a stream. A stream
+    If no seed poses (seed frames, bones, 3) are given, the model draws them, as it always does for a stream. A stream
     hears `look_ahead` frames of speech beyond each frame and makes `hop` frames in a run; by default the whole clip is
     heard. Words are for a model that reads them.
 

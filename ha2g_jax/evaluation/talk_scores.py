@@ -105,7 +105,7 @@ def score_known_causes(
     probe on frozen f_high is given only for HA2G, if words of the training split have several classes; "majority" has
     that of always choosing the most frequent class.
 
-    The style of each clip is that of its own reference images, or of the speaker's name; `seed` determines start poses,
+    The style of each clip is that of its own reference images, or of the speaker's name; `seed` determines seed poses,
     the noise of the teacher and the samples of clips.
 
     Args:

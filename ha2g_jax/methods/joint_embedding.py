@@ -1,4 +1,4 @@
-"""Joint Embedding (Ahuja and Morency 2019): one decoder for the latents of speech and of poses, by turns."""
+"""Joint Embedding (Ahuja and Morency 2019): one decoder for the latents of speech and of poses."""
 
 from typing import Any, NamedTuple
 

@@ -117,7 +117,7 @@ class Constants(NamedTuple):
 
 
 def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
-    """Build the networks of `config.model`; the discriminator is that of HA2G with more layers. See `Method.build`."""
+    """Build the networks of `config.model`, with the discriminator of HA2G. See `Method.build`."""
     has_words = config.model.text.kind == "tcn"
     inferer, (slope, discriminator_slope) = config.model.inferer, _SLOPES[config.model.architecture]
     audio = audio_encoder(config)

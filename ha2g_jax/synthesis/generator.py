@@ -257,8 +257,12 @@ class Generator(abc.ABC, Generic[S]):
         directions = control.hold(skeleton, directions, fps, controls)
         before = None if start is None else directions[0]
         directions = gestures.apply(skeleton, directions, fps, made, before)
-        asked = {"seed_pose": start_name, "smoothing": smoothing, "controls": control.describe(controls)}
-        asked |= {"cues": gestures.describe(placed)}
+        optional = {
+            "seed_pose": start_name,
+            "smoothing": smoothing,
+            "controls": control.describe(controls),
+            "cues": gestures.describe(placed),
+        }
         meta = {
             "version": importlib.metadata.version("ha2g-jax"),
             "model": self.name,
@@ -268,7 +272,9 @@ class Generator(abc.ABC, Generic[S]):
             "style": described,
             "seed": seed,
         }
-        return Motion.from_directions(skeleton, directions, fps, meta | {name: it for name, it in asked.items() if it})
+        return Motion.from_directions(
+            skeleton, directions, fps, meta | {name: it for name, it in optional.items() if it}
+        )
 
     def check_options(
         self,

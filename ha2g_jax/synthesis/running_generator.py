@@ -27,7 +27,7 @@ class RunningGenerator:
     A new style, and the pose in which the model rests with it, take effect within half a second.
 
     Attributes:
-        start_pose: (M, bones, 3) poses that the stream starts from.
+        seed_pose: (M, bones, 3) poses that the stream starts from.
         rest: (bones, 3) rest pose in the current window.
 
     Raises:
@@ -36,7 +36,7 @@ class RunningGenerator:
 
     def __init__(self, spec: Spec, variables: Variables, assets: Assets, style: Style, seed: int, hop: int):
         self._spec, self._variables, self._assets, self._seed, self._hop = spec, variables, assets, seed, hop
-        self.start_pose = assets.seed_poses[assets.choose_seed_pose(seed)]
+        self.seed_pose = assets.seed_poses[assets.choose_seed_pose(seed)]
         self.style = style  # the program is compiled here
         self._style_ramp, self._rest_ramp = Ramp(self._f_id, spec.fps), Ramp(self._rest_pose.ravel(), spec.fps)
         self._present, self.rest = self._f_id, self._rest_pose
@@ -76,7 +76,7 @@ class RunningGenerator:
         """Return the pose (bones, 3) in which the model comes to rest in silence with the requested style."""
         num_frames, num_seed_frames = self._spec.num_frames, self._spec.num_seed_frames
         silence = np.full((NUM_MELS, window_columns(num_frames, self._spec.fps)), FLOOR_DB, np.float32)
-        window = self.start_pose
+        window = self.seed_pose
         for index in range(_REST_WINDOWS):
             first = index * (num_frames - num_seed_frames)
             window = self._generate(silence, self._f_id, window[-num_seed_frames:], first)

@@ -79,7 +79,7 @@ class RunningMotion:
         self._mel = RunningMel(window_columns(longest, spec.fps) + window_column(_PAUSE_SECONDS, 1) + 2, reference)
         self._phrases: Phrases | None = None  # of the other; begin with the first samples of the other
         self._weight_ramp: Ramp | None = None  # of the motion, from rest; begins at the first frame
-        pose = self.generator.start_pose
+        pose = self.generator.seed_pose
         self.past = np.concatenate([pose[:1]] * (first - len(pose)) + [pose])
         self.expected: list[Frame] = []
         self._dropped, self._first_dropped = pose[:0], 0  # poses that `restart` dropped, to ease from

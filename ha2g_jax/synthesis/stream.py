@@ -54,8 +54,8 @@ class Stream:
 
     Frame k shows the time k / fps, as in `Model.generate`. Frames are made `hop` at a time: those of one hop use the
     speech up to `look_ahead` frames after the last of them, and no later sample. With a hop of 1, frame k depends on no
-    sample after (k + look_ahead) / fps, and is returned by the first `feed` that reaches this time. Only without any
-    look-ahead a frame is returned half a frame later, because a shorter motion would not have it.
+    sample after (k + look_ahead) / fps, and is returned by the first `feed` that reaches this time. With a
+    look-ahead of 0 it is returned half a frame later, when the speech is long enough for the motion to have it.
 
     Where the agent does not speak, the body does what `state` says, and can listen to the other speaker, whose samples
     `feed` takes too. Nothing is added to frames of speech.

@@ -51,7 +51,7 @@ def examine(config: Config | None = None) -> list[Finding]:
     Without a config the step is that of the smallest model, and no data are checked.
     """
     findings = [*examine_machine(), _espeak()]
-    if findings[2].trouble and not findings[2].found:  # without devices, nothing can be computed
+    if not next(it for it in findings if it.name == "devices").found:  # without devices, nothing can be computed
         return findings
     corpus = None
     if config is None:

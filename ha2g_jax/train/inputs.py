@@ -1,4 +1,4 @@
-"""Inputs of a run, from its config: corpus, windows, batches, initial weights, start poses and styles."""
+"""Inputs of a run, from its config: corpus, windows, batches, initial weights, seed poses and styles."""
 
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -24,7 +24,7 @@ from ha2g_jax.methods.method import Spec
 VALIDATION = "val"
 
 _IDENTITY = "identity"  # name of the network E_ID
-_NUM_STARTS, _CLIPS_PER_SPEAKER = 16, 8
+_NUM_SEED_POSES, _CLIPS_PER_SPEAKER = 16, 8
 
 
 def open_corpus(config: Config) -> Corpus:
@@ -196,7 +196,7 @@ def _is_new(name: str, has_same_kind: bool) -> bool:
     return (name.endswith(TABLE) and not is_word_table(name)) or (is_identity and not has_same_kind)
 
 
-def calm_starts(windows: Windows, mean_directions: np.ndarray, num_frames: int) -> np.ndarray:
+def calm_seed_poses(windows: Windows, mean_directions: np.ndarray, num_frames: int) -> np.ndarray:
     """Return calm seed poses (K, M, bones, 3): those that move least among the starts of windows near the mean pose.
 
     There are at most 16, and at most one from each clip; the mean directions are (bones, 3).
@@ -206,16 +206,14 @@ def calm_starts(windows: Windows, mean_directions: np.ndarray, num_frames: int) 
         start = windows.directions(index)[:num_frames]
         distance[index] = np.linalg.norm(start - mean_directions, axis=-1).mean()
         motion[index] = np.linalg.norm(np.diff(start, axis=0), axis=-1).sum(axis=0).mean()
-    near = np.argsort(distance, kind="stable")[: max(_NUM_STARTS, len(windows) // 4)]
+    near = np.argsort(distance, kind="stable")[: max(_NUM_SEED_POSES, len(windows) // 4)]
     calmest: dict[int, int] = {}
     for index in near[np.argsort(motion[near], kind="stable")]:
         calmest.setdefault(windows.clip_index(index), index)
-    return np.stack([windows.directions(index)[:num_frames] for index in list(calmest.values())[:_NUM_STARTS]])
+    return np.stack([windows.directions(index)[:num_frames] for index in list(calmest.values())[:_NUM_SEED_POSES]])
 
 
-def speaker_identities(
-    spec: Spec, variables: dict[str, Any], windows: Windows, names: list[str]
-) -> dict[str, np.ndarray]:
+def speaker_styles(spec: Spec, variables: dict[str, Any], windows: Windows, names: list[str]) -> dict[str, np.ndarray]:
     """Return the style (style_dim,) of every speaker, the output of E_ID, averaged over at most eight training clips.
 
     Windows and names, by index, are those of the training split; a method without identities has no styles.
@@ -224,11 +222,11 @@ def speaker_identities(
         return {}
     variables = jax.device_put(variables)  # once, and not for each image
 
-    def identity(speaker):
+    def style(speaker):
         if spec.identity == "speaker":
             return np.asarray(encode_identity(spec, variables, np.int32(speaker)))
         images = windows.reference_images(speaker, limit=_CLIPS_PER_SPEAKER)
         return np.mean([encode_identity(spec, variables, image) for image in images], axis=0)
 
     with ThreadPoolExecutor() as pool:  # threads decode images in parallel
-        return dict(zip(names, pool.map(identity, range(len(names))), strict=True))
+        return dict(zip(names, pool.map(style, range(len(names))), strict=True))

@@ -26,8 +26,8 @@ from ha2g_jax.train.workdir import CONTINUE, METRICS, append_metrics, start_metr
 
 EVENTS = "tensorboard"
 
-# Weights & Biases would take any time to send the rest, but a run that is stopped has half a minute. What was not sent
-# is kept in the workdir, for `wandb sync`.
+# Without a limit, Weights & Biases waits until all is sent, but a run that is stopped has half a minute. What was not
+# sent is kept in the workdir, for `wandb sync`.
 _WANDB_PATIENCE = 15.0  # seconds
 _STOP = "stop"
 _TOTAL = "loss/total"
@@ -55,7 +55,7 @@ class Writer:
         UserError: a file cannot be written, or Weights & Biases is switched on but cannot be reached.
     """
 
-    def __init__(self, workdir: pathlib.Path, step: int, config: Config, is_first: bool = True):
+    def __init__(self, workdir: pathlib.Path, step: int, config: Config, is_first: bool):
         self._path = workdir / METRICS if is_first else None
         self._others: list[EventFile | WandbRun] = []
         if self._path is None:
@@ -193,7 +193,7 @@ class StepLog:
     ):
         self._writer, self._bar, self._batch_size, self._is_due = writer, bar, batch_size, is_due
         self._shown, self._shown_speed = shown, ""
-        self._waiting: tuple[int, Metrics] | None = None
+        self._unread: tuple[int, Metrics] | None = None
         self._num_steps: int = pending["steps"] if pending else 0
         self._sums: dict[str, float] = dict(pending["sums"]) if pending else {}
         self.is_stopping = False  # whether a step had the metric "stop": the hosts agreed that one was asked to stop
@@ -239,7 +239,7 @@ class StepLog:
             NotFinite: a metric of the previous step is not finite.
         """
         self.flush()
-        self._waiting = (step, metrics)
+        self._unread = (step, metrics)
 
     def flush(self) -> None:
         """Wait for the step that was added last, if its metrics were not processed yet, and process them.
@@ -248,9 +248,9 @@ class StepLog:
             NotFinite: a metric is not finite. The means of the steps before are then written as the line of the
                 previous step.
         """
-        if self._waiting is None:
+        if self._unread is None:
             return
-        (step, arrays), self._waiting = self._waiting, None
+        (step, arrays), self._unread = self._unread, None
         if self._apart_start is not None:
             self._apart += time.perf_counter() - self._apart_start
         metrics = {name: float(value) for name, value in jax.device_get(arrays).items()}

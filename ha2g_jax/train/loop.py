@@ -95,7 +95,7 @@ def _train(
     if held_out is None and hosts.is_first():
         tqdm.tqdm.write(
             f"{corpus.path} has no split {inputs.VALIDATION!r} that this model can use, so there will be no best "
-            "checkpoint; make one with ha2g data split, of speakers in training if the model has a table of speakers",
+            "checkpoint; make the split with ha2g data split, from training speakers if the model has a table of them",
             file=sys.stderr,
         )
     batch_size, num_steps = config.train.batch_size, config.train.steps
@@ -160,7 +160,7 @@ def _train(
         """Return the variables as arrays of this host, and the assets with the styles of the speakers."""
         variables = jax.device_get(state.model)
         return variables, dataclasses.replace(
-            assets, speakers=inputs.speaker_identities(spec, variables, windows, speakers)
+            assets, speakers=inputs.speaker_styles(spec, variables, windows, speakers)
         )
 
     def save(checkpoints: Checkpoints, **more: Any) -> None:
@@ -224,7 +224,7 @@ def _assets(config: Config, workdir: pathlib.Path, corpus: Corpus, windows: Wind
         assets = model_folder.read_description(workdir)[1]
         fits.check_corpus(workdir, assets, corpus)
         return assets
-    starts = inputs.calm_starts(windows, corpus.skeleton.mean_directions, config.data.num_seed_frames)
+    starts = inputs.calm_seed_poses(windows, corpus.skeleton.mean_directions, config.data.num_seed_frames)
     named = corpus.speakers_of(TRAIN) if config.model.identity.kind != "none" else ()
     no_styles = dict.fromkeys(named, np.zeros(0, np.float32))
     return Assets(corpus.skeleton, corpus.vocabulary(), no_styles, starts)

@@ -1,9 +1,4 @@
-"""One training step of any method: the generator runs forward once, and its output trains both networks.
-
-The output, detached, first feeds the update of the discriminator. Then the gradient of the objective with
-respect to the output is taken through the updated discriminator and pulled back through the generator. This
-equals the alternation of two separate updates with the same dropout keys at half the forward cost.
-"""
+"""One training step of any method: the generator runs forward once, and its output trains both networks."""
 
 import functools
 from collections.abc import Callable
@@ -31,6 +26,8 @@ def train_step(objective: Objective, state: TrainState, batch: Batch, key: jax.A
     2. the discriminator is updated with the true poses and, detached, the generated ones;
     3. the gradient of the objective with respect to the generated poses is taken through the updated discriminator;
     4. that gradient is pulled back through the generator, which is updated.
+
+    This equals two separate updates with the same dropout keys, at half the forward cost.
 
     The BatchNorm statistics of the generator are updated once with this batch. Those of the discriminator are updated
     with the real and then with the generated poses of its own update; the pass that carries the gradient of the

@@ -106,7 +106,7 @@ DAMAGE = {
     "assets are no JSON": (lambda folder: (folder / "assets.json").write_text("[]"), "assets.json is damaged"),
     "unknown skeleton": (_edit("assets.json", lambda assets: assets["skeleton"].update(name="dog")), "'dog'"),
     "later version": (_assets(schema_version=9), "schema version 9"),
-    "many start poses": (_assets(seed_poses=[[[[0.0] * 3] * 42] * 4] * 1200), "1200 start poses instead of at most"),
+    "many seed poses": (_assets(seed_poses=[[[[0.0] * 3] * 42] * 4] * 1200), "1200 seed poses instead of at most"),
     "a style that is not finite": (_assets(speakers={"ada": [float("nan")] * 18}), "not finite"),
 }
 

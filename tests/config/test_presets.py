@@ -70,7 +70,7 @@ def test_stages_that_an_ablation_leaves_out_are_gone():
         name: [
             len(channels) for channels in build(presets.make("talk", "debug", changes=changes)).generator.level_channels
         ]
-        for name, changes in presets.POSE_INFERER.items()
+        for name, changes in presets.TABLES["table4"].items()
     }
     assert widths["Holistic"] == [126]
     assert widths["without hand hierarchy"] == [24, 30, 36, 126]

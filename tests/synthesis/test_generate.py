@@ -96,7 +96,7 @@ def test_each_window_hears_its_own_piece_of_the_sound(debug_model):
 
 
 def test_another_seed_is_another_take_of_a_model_that_samples(debug_model, sampling_model):
-    """HA2G takes only its start pose and its style from the seed."""
+    """HA2G takes only its seed pose and its style from the seed."""
     pose, style = debug_model.assets.seed_poses[0], Style(speaker="ada", variation=0)
     for model, differs in ((debug_model, False), (sampling_model, True)):
         takes = [model.generate(speech(6), seed=seed, style=style, seed_pose=pose).directions for seed in (0, 1, 1)]

@@ -18,7 +18,7 @@ FPS = 15
 
 @pytest.mark.parametrize("seconds", [0.2, 2.2667, 2.32, 4.2667, 9.03])
 def test_long_hops_give_the_frames_of_a_file(debug_model, seconds):
-    """A file begins with the M frames of its start pose, here 3, a fifth of a second; a stream goes on from them."""
+    """A file begins with the M frames of its seed pose, here 3, a fifth of a second; a stream goes on from them."""
     spec, assets = debug_model.spec, debug_model.assets
     spec = spec._replace(num_seed_frames=3, generator=spec.generator.clone(num_seed_frames=3))
     assets = dataclasses.replace(assets, seed_poses=assets.seed_poses[:, :3])

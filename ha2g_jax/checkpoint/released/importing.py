@@ -109,7 +109,7 @@ def read_released(content: Any, size: str = "") -> Released:
     discriminator = _nested(
         {name.replace(f"/{DISCRIMINATOR}", "", 1): it for name, it in flat.items() if _is_of_discriminator(name)}
     )
-    assets = Assets(skeleton, words, _styles(spec, variables, speakers), _start_poses(spec, skeleton))
+    assets = Assets(skeleton, words, _styles(spec, variables, speakers), _seed_poses(spec, skeleton))
     config.name = f"released_{method}"
     return Released(config, spec, variables, discriminator, assets, rows, notes)
 
@@ -219,8 +219,8 @@ def _styles(spec: Spec, variables: dict[str, Any], speakers: list[str]) -> dict[
     return dict(zip(speakers, styles, strict=True))
 
 
-def _start_poses(spec: Spec, skeleton: Skeleton) -> np.ndarray:
-    """Return the mean pose as the only start pose, (1, M, bones, 3): released files have no poses."""
+def _seed_poses(spec: Spec, skeleton: Skeleton) -> np.ndarray:
+    """Return the mean pose as the only seed pose, (1, M, bones, 3): released files have no poses."""
     mean = np.asarray(normalize(skeleton.mean_directions), np.float32)
     return np.tile(mean, (1, spec.num_seed_frames, 1, 1))
 

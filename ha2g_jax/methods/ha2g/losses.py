@@ -11,9 +11,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-# D13: a pair of bones is rigid if the standard deviation of its angle in the training split is less than 2 degrees. In
-# TED-Expressive these are 10 of the 41 pairs, bones of the palms and of the head, with 0.9 to 1.8 degrees; the next
-# larger deviation is 2.8 degrees.
+# D13: the variance, in units of pi^2, of an angle with a standard deviation of 2 degrees; pairs below it are rigid.
 _RIGID_VARIANCE = (2 / 180) ** 2
 # Norm below which a feature counts as zero: its cosine fades to 0 and its gradient stays below 1000.
 _MIN_FEATURE_NORM = 1e-3

@@ -108,10 +108,10 @@ def test_a_stage_is_the_equations(oracles):
         whole[..., list(CHANNELS[level])] = poses
 
 
-@pytest.mark.parametrize("row", presets.POSE_INFERER)
+@pytest.mark.parametrize("row", presets.TABLES["table4"])
 def test_every_seed_channel_reaches_the_last_level_in_every_row_of_table_4(row):
     skeleton = load_skeleton("ted_expressive")
-    spec = ha2g.build(presets.make("talk", "debug", changes=presets.POSE_INFERER[row]), skeleton, 5, 3)
+    spec = ha2g.build(presets.make("talk", "debug", changes=presets.TABLES["table4"][row]), skeleton, 5, 3)
     sizes = (spec.num_seed_frames, skeleton.pose_dim, 32)
     features, f_id, seed = _inputs(*sizes)
     _, infer = _inferrer(spec.generator, *sizes)
