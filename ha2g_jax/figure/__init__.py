@@ -11,7 +11,16 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.figure.person import arm_shapes, hair_behind, hand_parts, head_frame, head_shapes, trunk_shapes
+from ha2g_jax.figure.person import (
+    arm_shapes,
+    back_of_head,
+    face_features,
+    hair_behind,
+    hand_parts,
+    head_frame,
+    head_shapes,
+    trunk_shapes,
+)
 from ha2g_jax.figure.shapes import Colour, Look, Part, backdrop, enlarged, project
 from ha2g_jax.skeleton import Skeleton
 
@@ -120,6 +129,7 @@ def outline(positions: np.ndarray, skeleton: Skeleton, look: Look, detail: int =
     body = (hair_behind(head, look, detail), trunk, head_shapes(points, head, look, detail))
     keys = (-9.0, -0.8, -0.7, -0.6)
     parts = [Part(np.full(len(positions), key), shapes) for key, shapes in zip(keys, (shoulders, *body), strict=True)]
+    parts += [face_features(head, look, detail), back_of_head(head, look, detail)]
     for side, arm, ranks in zip(sides, arms, arm_ranks(points, head[0]), strict=True):
         parts += [Part(np.minimum(ranks.upper, ranks.lower) - 0.1, arm.edges)]
         parts += [Part(ranks.upper, arm.upper), Part(ranks.lower, arm.lower)]

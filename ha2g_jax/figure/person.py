@@ -64,6 +64,9 @@ LID = ((0.016, -0.004), (0.024, 0.005), (0.036, 0.0075), (0.049, 0.001), (0.036,
 BROW = ((0.017, 0.022), (0.034, 0.029), (0.053, 0.020), (0.034, 0.0235))
 NOSE = ((0.0, 0.0, 0.088), (0.011, -0.034, 0.104), (0.0, -0.040, 0.106), (-0.011, -0.034, 0.104))
 LIPS = ((-0.026, -0.061, 0.078), (0.0, -0.068, 0.088), (0.026, -0.061, 0.078), (0.0, -0.076, 0.086))
+# Where the hair on the back of the head begins, on one side from the top to the nape.
+_HAIRLINE = ((0.04, 0.115, -0.06), (0.08, 0.08, -0.07), (0.095, 0.01, -0.085))
+_HAIRLINE += ((0.08, -0.06, -0.075), (0.035, -0.1, -0.055))
 _MOST_TURNED = 0.4  # sine of the angle between the hair over the forehead and the camera
 _FRONT = ((-0.060, 0.030, 0.082), (0.060, 0.030, 0.082), (-0.058, -0.020, 0.080), (0.058, -0.020, 0.080))
 _FRONT += ((0.0, 0.060, 0.085), (0.0, -0.040, 0.098), (-0.03, -0.075, 0.075), (0.03, -0.075, 0.075), (0.0, -0.1, 0.07))
@@ -255,23 +258,47 @@ def head_frame(points: dict[str, np.ndarray]) -> np.ndarray:
 
 def hair_behind(head: np.ndarray, look: Look, detail: int) -> list[Shape]:
     """Build the hair that is behind the face and the shoulders, from back to front."""
-    length = 0.012 + 0.17 * max(look.hair_length - 0.3, 0.0)
     width = 0.096 + 0.018 * look.hair_length
     crown = _ellipse(head, (0, 0.022, -0.02), width, 0.112, detail, flat=False)
     # The fringe is in front of the crown, and beyond it where the head is turned: the hair between them is filled.
     cap = np.concatenate([crown, _fringe(head, look, detail)], axis=1)
     shapes = [Shape(hull_of(cap, detail), look.hair)]
     if look.hair_length > 0.3:
-        fall = [(-width, 0.03, -0.03), (width, 0.03, -0.03), (width + 0.012, -0.06 - length, -0.02)]
-        fall += [(0.6 * width, -0.115 - length, -0.03), (-0.6 * width, -0.115 - length, -0.03)]
-        fall += [(-width - 0.012, -0.06 - length, -0.02)]
-        outline = _curve(_upright(head), fall, detail)
-        shapes.append(Shape(outline, shade(look.hair, 0.86)))
+        shapes.append(Shape(_curve(_upright(head), _fall(look), detail), shade(look.hair, 0.86)))
     return shapes
 
 
+def _fall(look: Look) -> list[tuple[float, float, float]]:
+    """Return the corners of the hair that falls below the ears."""
+    length, width = 0.012 + 0.17 * (look.hair_length - 0.3), 0.096 + 0.018 * look.hair_length
+    fall = [(-width, 0.03, -0.03), (width, 0.03, -0.03), (width + 0.012, -0.06 - length, -0.02)]
+    fall += [(0.6 * width, -0.115 - length, -0.03), (-0.6 * width, -0.115 - length, -0.03)]
+    return [*fall, (-width - 0.012, -0.06 - length, -0.02)]
+
+
+def back_of_head(head: np.ndarray, look: Look, detail: int) -> Part:
+    """Build the hair on the back of the head, in front of the face where the head looks away, else a hidden dot.
+
+    It is the hull of the hairline and of the hair behind it, so it covers the face more the further the head is turned
+    away. In profile it is hardly more than the hair that is behind the face.
+    """
+    half = [((1 + 0.2 * look.hair_length) * x, y, z) for x, y, z in _HAIRLINE]
+    curves = [half + [_beside(-1, place) for place in half[::-1]]]
+    if look.hair_length > 0.3:
+        curves.append([(x, y, z - 0.03) for x, y, z in _fall(look)])
+    rims = [_ellipse(head, (0, 0, -0.09), 0.06, 0.07, detail), *(_curve(head, curve, detail) for curve in curves)]
+    is_away = _is_away(head)
+    outline = np.where(is_away[:, None, None], hull_of(np.concatenate(rims, axis=1), detail), project(head[0])[:, None])
+    return Part(np.where(is_away, -0.5, -0.9), [Shape(outline, look.hair)])
+
+
+def _is_away(head: np.ndarray) -> np.ndarray:
+    """Return in which frames (T,) the head looks away from the camera."""
+    return head[3][:, 2] > 0
+
+
 def head_shapes(points: dict[str, np.ndarray], head: np.ndarray, look: Look, detail: int) -> list[Shape]:
-    """Build neck, face and the hair over the forehead, from back to front."""
+    """Build neck, face without its features, and the hair over the forehead, from back to front."""
     dark, blush = shade(look.skin, 0.80), shade(look.skin, 0.90)
     low, high = points["neck"] + 0.02 * facing(points) + 0.1 * (head[0] - points["neck"]), head[0] - 0.05 * head[2]
     ends = np.stack([low, low], axis=1), np.stack([low, high], axis=1)
@@ -284,14 +311,20 @@ def head_shapes(points: dict[str, np.ndarray], head: np.ndarray, look: Look, det
     front = np.concatenate([face, _places(head, _FRONT)], axis=1)
     shapes.append(Shape(hull_of(front, detail), look.skin))
     shapes.append(Shape(_fringe(head, look, detail), look.hair))
+    return shapes
+
+
+def face_features(head: np.ndarray, look: Look, detail: int) -> Part:
+    """Build eyes, nose and lips, which are behind the face where the head looks away."""
+    shapes = []
     for side in (-1, 1):
         for (place, axes), colour in zip((EYE_WHITE, IRIS), EYES, strict=True):
             shapes.append(Shape(_ellipse(head, _beside(side, place), *axes, detail), colour))
         shapes.append(Shape(_curve(head, [(side * x, y, 0.084) for x, y in LID]), shade(look.hair, 0.55)))
         shapes.append(Shape(_curve(head, [(side * x, y, 0.085) for x, y in BROW]), shade(look.hair, 0.85)))
-    shapes.append(Shape(_curve(head, NOSE), blush))
+    shapes.append(Shape(_curve(head, NOSE), shade(look.skin, 0.90)))
     shapes.append(Shape(_curve(head, LIPS), lip_colour(look)))
-    return shapes
+    return Part(np.where(_is_away(head), -0.65, -0.55), shapes)
 
 
 def lip_colour(look: Look) -> Colour:
@@ -335,6 +368,9 @@ def _half_turned(head: np.ndarray) -> np.ndarray:
     """Return the head turned away from the camera by at most 24 degrees, so that no outline on it is folded."""
     _, left, up, ahead = _upright(head) / HEAD_SIZE
     sideways, upwards = (np.clip(dot(head[3] / HEAD_SIZE, axis), -_MOST_TURNED, _MOST_TURNED) for axis in (left, up))
+    upwards = np.where(
+        _is_away(head)[:, None], -upwards, upwards
+    )  # from behind, one sees the top of a head that looks up
     ahead = unit(sideways * left + upwards * up + np.sqrt(1 - sideways**2 - upwards**2) * ahead)
     left = unit(left - dot(left, ahead) * ahead)
     up = unit(up - dot(up, ahead) * ahead - dot(up, left) * left)

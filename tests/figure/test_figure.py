@@ -18,7 +18,7 @@ from ha2g_jax.figure import (
     outline,
     stage,
 )
-from ha2g_jax.figure.person import hand_parts, head_frame, head_shapes
+from ha2g_jax.figure.person import EYES, face_features, hand_parts, head_frame, head_shapes
 from ha2g_jax.figure.shapes import capsules, enlarged, hull, project
 from ha2g_jax.skeleton import SKELETONS, Skeleton, directions_to_positions, load_skeleton
 
@@ -195,6 +195,22 @@ def test_the_arm_that_is_nearer_where_arms_cross_is_in_front(near):
     assert (ranks[near].upper >= 0).all()
 
 
+@pytest.mark.parametrize("hair_length", [0.0, 1.0])
+@pytest.mark.parametrize("name", SKELETONS)
+def test_hair_hides_the_face_of_a_person_who_turns_the_back(name, hair_length):
+    skeleton, look = load_skeleton(name), DEFAULT_LOOK._replace(hair_length=hair_length)
+    front = skeleton.mean_pose
+    figure = outline(np.stack([front, front * (-1, 1, -1)]), skeleton, look)
+    eyes = [index for index, colour in enumerate(figure.colours) if colour in EYES]
+    hair = [index for index, colour in enumerate(figure.colours) if colour == look.hair]
+    facing, away = np.argsort(figure.order, axis=1)
+    assert facing[eyes].min() > facing[hair].max()
+    assert away[eyes].max() < away[hair].max()
+    for pose, is_hidden in ((front, False), (front * (-1, 1, -1), True)):
+        picture = draw_figure(pose, skeleton, look, 300, 300)
+        assert (picture == EYES[1]).all(axis=-1).any() != is_hidden
+
+
 @pytest.mark.parametrize("length", [1.0, 1.6])
 @pytest.mark.parametrize("name", SKELETONS)
 def test_the_view_contains_the_figure_at_any_amplitude(name, length):
@@ -207,7 +223,9 @@ def test_the_view_contains_the_figure_at_any_amplitude(name, length):
         points = from_the_front(clip, skeleton)
         hands = [hand_parts(points, side, DEFAULT_LOOK, 1) for side in ("left", "right")]
         drawn = [shape.outline for parts in hands for part in parts for shape in part.shapes]
-        drawn += [shape.outline for shape in head_shapes(points, head_frame(points), DEFAULT_LOOK, 1)]
+        head = head_frame(points)
+        drawn += [shape.outline for shape in head_shapes(points, head, DEFAULT_LOOK, 1)]
+        drawn += [shape.outline for shape in face_features(head, DEFAULT_LOOK, 1).shapes]
         drawn.append(project(np.stack(list(points.values()), axis=1)))
         for width, height in ((720, 720), (640, 360), (300, 500)):
             scale, spine = view.place(width, height)
