@@ -30,11 +30,9 @@ def test_a_single_sequence_equals_the_same_one_of_a_batch(has_ends, oracles):
     x = np.random.default_rng(3).normal(size=(2, 5, 3)).astype(np.float32)
     is_real = np.arange(5) < np.array([[4], [5]]) if has_ends else None
     gru = BiGRU(hidden_dim=4, layers=2)
-    variables = gru.init(jax.random.key(0), x, train=False)
-    together = gru.apply(variables, x, is_real=is_real, train=False, method=gru.states)
-    alone = gru.apply(
-        variables, x[:1], is_real=None if is_real is None else is_real[:1], train=False, method=gru.states
-    )
+    variables = jax.jit(lambda key: gru.init(key, x, train=False))(jax.random.key(0))
+    run = jax.jit(lambda x, is_real: gru.apply(variables, x, is_real=is_real, train=False, method="states"))
+    together, alone = run(x, is_real), run(x[:1], None if is_real is None else is_real[:1])
     oracles.assert_close(alone, jax.tree.map(lambda states: states[:1], together))
 
 
@@ -47,14 +45,16 @@ def test_sums_of_rounded_arrays_are_those_of_float32():
 
 
 def test_dropout_acts_between_layers_only():
-    x = jax.random.normal(jax.random.key(0), (1, 4, 3))
-    key = {"dropout": jax.random.key(1)}
-    single, double = BiGRU(4, layers=1, dropout=0.9), BiGRU(4, layers=2, dropout=0.9)
-    variables = single.init(jax.random.key(2), x, train=False)
-    np.testing.assert_array_equal(single.apply(variables, x, train=True), single.apply(variables, x, train=False))
-    variables = double.init(jax.random.key(2), x, train=False)
-    trained = np.asarray(double.apply(variables, x, train=True, rngs=key))
-    assert not np.allclose(trained, np.asarray(double.apply(variables, x, train=False)))
+    x = np.random.default_rng(0).normal(size=(1, 4, 3)).astype(np.float32)
+
+    def trained_and_not(gru, **options):
+        variables = jax.jit(lambda key: gru.init(key, x, train=False))(jax.random.key(2))
+        trained = jax.jit(lambda: gru.apply(variables, x, train=True, **options))
+        return np.asarray(trained()), np.asarray(jax.jit(lambda: gru.apply(variables, x, train=False))())
+
+    np.testing.assert_array_equal(*trained_and_not(BiGRU(4, layers=1, dropout=0.9)))
+    double = trained_and_not(BiGRU(4, layers=2, dropout=0.9), rngs={"dropout": jax.random.key(1)})
+    assert not np.allclose(*double)
 
 
 @pytest.mark.torch

@@ -1,5 +1,6 @@
 """Whisper's encoder equals other implementations; its features are those of the frames."""
 
+import functools
 from typing import Any
 
 import jax
@@ -16,7 +17,7 @@ SMALL: dict[str, Any] = {"num_mels": 5, "d_model": 12, "layers": 3, "heads": 3, 
 
 
 def encode(encoder, params, mel) -> Any:
-    return encoder.apply({"params": params}, mel)
+    return jax.jit(encoder.apply)({"params": params}, mel)
 
 
 def random_like(shapes, seed=0):
@@ -61,7 +62,7 @@ def test_a_block_equals_its_definition(oracles):
     params = random_like(jax.eval_shape(lambda: block.init(jax.random.key(0), x)))["params"]
     assert "bias" not in params["attention"]["key"]
     expected = np.stack([block_by_hand(params, clip.astype(np.float64), 3) for clip in x])
-    oracles.assert_close(block.apply({"params": params}, x), expected)
+    oracles.assert_close(jax.jit(block.apply)({"params": params}, x), expected)
 
 
 def test_the_encoder_equals_its_definition(oracles):
@@ -114,10 +115,10 @@ def variables(mel):
 
 
 def test_levels_are_maps_of_three_blocks(mel, variables):
-    features = AsrAudioEncoder(WHISPER, feature_dim=5).apply(variables, mel, train=True)
+    features = jax.jit(functools.partial(AsrAudioEncoder(WHISPER, feature_dim=5).apply, train=True))(variables, mel)
     assert isinstance(features, Features) and AsrAudioEncoder.inputs == ("asr_mel",)
     assert set(variables) == {"params"}
-    blocks: Any = WHISPER.apply({"params": variables["params"]["whisper"]}, mel)
+    blocks = encode(WHISPER, variables["params"]["whisper"], mel)
     for name, block in (("low", 0), ("mid", 1), ("high", 3)):
         linear = variables["params"][name]
         stream = np.asarray(blocks[block])
@@ -157,6 +158,6 @@ def test_whisper_is_frozen_and_its_maps_learn(mel, variables):
         features: Any = AsrAudioEncoder(WHISPER, feature_dim=5).apply({"params": params}, mel, train=True)
         return sum(jnp.mean(jnp.square(level - 1)) for level in features)
 
-    gradient = jax.grad(loss)(variables["params"])
+    gradient = jax.jit(jax.grad(loss))(variables["params"])
     assert not any(np.any(leaf) for leaf in jax.tree.leaves(gradient["whisper"]))
     assert all(np.any(gradient[name]["kernel"]) for name in Features._fields)

@@ -1,5 +1,6 @@
 """Terms of the objective compared with numbers computed by hand, and at points where gradients may fail."""
 
+import functools
 import itertools
 import math
 
@@ -63,7 +64,7 @@ def test_physical_leaves_out_pairs_that_hardly_move():
     angles, mean = jnp.array([[[0.5, 0.4, 0.2]]]), jnp.full(3, 0.3)
     moving, rigid = (2.1 / 180) ** 2, (1.9 / 180) ** 2
     variance = jnp.array([rigid, moving, 0.0])
-    value, gradient = jax.value_and_grad(losses.physical)(angles, mean, variance)
+    value, gradient = jax.jit(jax.value_and_grad(losses.physical))(angles, mean, variance)
     assert value == pytest.approx(float(losses.physical(angles[..., 1:2], mean[1:2], variance[1:2])), rel=1e-5)
     np.testing.assert_allclose(gradient[0, 0], [0, (0.4 - 0.3) / moving, 0], rtol=1e-5)
     assert losses.physical(angles, mean, jnp.zeros(3)) == 0
@@ -95,8 +96,9 @@ def test_physical_gradient_is_finite_at_parallel_opposite_and_zero_bones():
         angles = joint_angles(skeleton, directions) / jnp.pi
         return losses.physical(angles, jnp.asarray(skeleton.angle_mean), jnp.asarray(skeleton.angle_variance))
 
+    both = jax.jit(jax.value_and_grad(loss))
     for bones in (jnp.ones((skeleton.num_bones, 3)), sign * jnp.ones((1, 3)), jnp.zeros((skeleton.num_bones, 3))):
-        value, gradient = jax.value_and_grad(loss)(bones[None, None])
+        value, gradient = both(bones[None, None])
         assert jnp.isfinite(value)
         assert jnp.isfinite(gradient).all()
 
@@ -112,7 +114,7 @@ def test_style_is_the_ratio_of_the_two_distances_of_each_sample():
 
 def test_style_moves_the_first_output_alone():
     poses, other, f_id, other_f_id = random_features(0)
-    gradients = jax.grad(losses.style, argnums=(0, 1, 2, 3))(poses, other, f_id[:, 0], other_f_id[:, 0])
+    gradients = jax.jit(jax.grad(losses.style, argnums=(0, 1, 2, 3)))(poses, other, f_id[:, 0], other_f_id[:, 0])
     assert [bool(jnp.any(gradient != 0)) for gradient in gradients] == [True, False, False, False]
 
 
@@ -141,8 +143,8 @@ def test_contrastive_of_one_frame():
 def test_contrastive_in_blocks_equals_the_whole_matrix(block, monkeypatch):
     monkeypatch.setattr("ha2g_jax.methods.ha2g.losses._CANDIDATE_BLOCK", block)
     features = random_features(1)
-    value, gradients = jax.value_and_grad(losses.contrastive, argnums=(0, 1, 2, 3))(*features)
-    expected, expected_gradients = jax.value_and_grad(dense_contrastive, argnums=(0, 1, 2, 3))(*features)
+    value, gradients = jax.jit(jax.value_and_grad(losses.contrastive, argnums=(0, 1, 2, 3)))(*features)
+    expected, expected_gradients = jax.jit(jax.value_and_grad(dense_contrastive, argnums=(0, 1, 2, 3)))(*features)
     assert value == pytest.approx(float(expected), rel=1e-5)
     for gradient, other in zip(gradients, expected_gradients, strict=True):
         np.testing.assert_allclose(gradient, other, atol=1e-5)
@@ -159,7 +161,7 @@ def test_contrastive_without_some_negatives():
         if "high" not in negatives:
             candidates.append(positive[:, None])
         expected = jnp.mean(jax.nn.logsumexp(jnp.concatenate(candidates, axis=1), axis=1) - positive)
-        found = losses.contrastive(text, low, mid, high, negatives=negatives)
+        found = jax.jit(functools.partial(losses.contrastive, negatives=negatives))(text, low, mid, high)
         assert found == pytest.approx(float(expected), rel=1e-5)
 
 
