@@ -66,11 +66,11 @@ def test_the_seed_pose_is_not_scored(results, skeleton, perform, reference, feat
     assert values == {name: score["value"] for name, score in results["rows"]["late"].items()}
 
 
-def test_several_motions_for_one_speech_have_their_distance(skeleton, perform, reference, features):
+def test_several_motions_for_one_speech_have_their_distance(skeleton, perform, features):
     """Nothing where all are alike; else between them alone, whatever separates one speech from another."""
-    others = perform(CLIPS, delay=0.25)
+    reference, others = perform(12), perform(12, delay=0.25)
     rows = {"one": reference, "same": [*reference, *reference], "two": [*reference, *others]}
-    results = evaluate(rows, reference, skeleton, autoencoder=features, draws=DRAWS)
+    results = evaluate(rows, reference, skeleton, autoencoder=features, draws=20)
     assert "multimodality" not in results["rows"]["one"]
     assert value(results, "same", "multimodality") == 0
     cut = choose_cut([clip.num_frames for clip in reference], 34)
@@ -129,9 +129,10 @@ def test_a_row_has_the_scores_that_its_motion_allows(results):
     assert value(results, "late", "seam_velocity") == pytest.approx(1, abs=0.3)
 
 
-def test_differences_are_those_of_the_values_that_are_shown(skeleton, perform, reference, features):
-    """Also of diversity, whose value is a mean of ten draws of pairs."""
-    rows = {"late": perform(CLIPS, delay=0.25), "true": reference}
+def test_differences_are_those_of_the_values_that_are_shown(skeleton, perform, features):
+    """Also of diversity, whose value is a mean of ten draws of 500 pairs: 15 clips have 810."""
+    reference = perform(15)
+    rows = {"late": perform(15, delay=0.25), "true": reference}
     results = evaluate(rows, reference, skeleton, autoencoder=features, draws=2)
     (found,) = results["differences"].values()
     for metric in ("beat_gain", "fgd", "diversity_l1"):
@@ -165,10 +166,11 @@ def test_beats_far_too_often_are_flagged():
     ]
 
 
-def test_the_same_seed_gives_the_same_results(results, skeleton, perform, reference, features):
-    late = perform(CLIPS, delay=0.25, borders=(30, 60, 90))
+def test_the_same_seed_gives_the_same_results(skeleton, perform, features):
+    late, reference = perform(6, delay=0.25, borders=(30, 60, 90)), perform(6)
     rows = {"late": late, "late again": late}
-    assert evaluate(rows, reference, skeleton, autoencoder=features, draws=DRAWS) == results
+    first, again = (evaluate(rows, reference, skeleton, autoencoder=features, draws=10) for _ in range(2))
+    assert first == again
 
 
 def test_without_an_autoencoder_it_says_how_to_train_one(skeleton, perform):

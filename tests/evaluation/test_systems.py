@@ -1,6 +1,7 @@
 """Systems that differ in a known way are ranked as they must be, with intervals of the paired differences."""
 
 import dataclasses
+import functools
 import json
 
 import numpy as np
@@ -88,7 +89,9 @@ def folders(tmp_path_factory):
     return root
 
 
-def test_the_protocol_of_beat2_ranks_systems_of_smplx_files(folders, capsys):
+def test_the_protocol_of_beat2_ranks_systems_of_smplx_files(folders, capsys, monkeypatch):
+    monkeypatch.setattr("ha2g_jax.evaluation.motion_folders.DRAWS", 100)
+    monkeypatch.setattr("ha2g_jax.evaluation.scoring.evaluate", functools.partial(evaluate, draws=10))
     motions = [part for name in ("good", "late", "half") for part in ("--motion", str(folders / name))]
     arguments = ["evaluate", *motions, "--reference", str(folders / "true"), "--protocol", "beat2"]
     assert cli.main([*arguments, "--json"]) == 0

@@ -48,7 +48,7 @@ def test_gradient_of_each_shape_of_the_networks(shape, devices, monkeypatch):
     )
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(**ANY_SHAPE)
 def test_gradient_of_any_shape(batch, edges, values, kernel, stride, padding):
     x, cotangent = arrays(edges[0], edges[1], values[0], values[1], kernel, stride, padding, batch)
@@ -124,7 +124,7 @@ def test_winograd_of_each_shape_of_the_networks(shape):
     check_winograd(*shape)
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=4, deadline=None)
 @given(
     batch=st.integers(1, 9),
     edges=st.tuples(st.integers(3, 12), st.integers(3, 12)),

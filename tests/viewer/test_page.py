@@ -81,14 +81,17 @@ def test_a_notebook_shows_the_page_in_a_frame():
     assert len(repr(page)) < 100  # which is stored with the output, too
 
 
-def test_what_cannot_be_shown_is_refused_in_one_line(tmp_path):
+def test_what_cannot_be_shown_is_refused_in_one_line(tmp_path, monkeypatch):
     motion = swaying()
     broken = Motion(motion.directions.copy(), motion.positions, 15.0, motion.joint_names, motion.meta)
     broken.directions[3, 5] = np.nan
-    many = Motion.from_directions(motion.skeleton, np.repeat(motion.directions, 7_000, axis=0), 240.0)
-    for motions in ({}, {str(i): motion for i in range(13)}, broken, {str(i): many for i in range(5)}):
+    for motions in ({}, {str(i): motion for i in range(13)}, broken):
         with pytest.raises(UserError, match=r"^[^\n]+$"):
             view(motions)
+    with monkeypatch.context() as patch:
+        patch.setattr("ha2g_jax.viewer.page.MAX_MOTION_FRAMES", 149)
+        with pytest.raises(UserError, match=r"^150 frames for one page; expected at most 149, [^\n]+$"):
+            view({str(i): motion for i in range(5)})
     for audio, rate, message in (
         (np.zeros((2, 16000)), 16000, "mix it to mono"),
         (np.full(16000, np.nan), 16000, "not finite"),

@@ -75,10 +75,10 @@ def test_pages_that_name_each_other_end(database: pathlib.Path):
         importer.read_keys(database)
 
 
-@pytest.mark.parametrize("size", [2**31 - 1, 40 * PAGE])
-def test_values_longer_than_the_file_are_refused(database: pathlib.Path, size: int):
+def test_values_longer_than_the_file_are_refused(database: pathlib.Path):
     """The length of a value lies before its key: two halves around the flags."""
-    old, new = 5 * PAGE, struct.pack("<HH", size & 0xFFFF, size >> 16)
+    old, size = 5 * PAGE, 2**31 - 1
+    new = struct.pack("<HH", size & 0xFFFF, size >> 16)
     damage(
         database,
         lambda data: data.replace(
@@ -98,7 +98,7 @@ def test_any_meta_pages(database: pathlib.Path, tmp_path: pathlib.Path, data: st
         importer.check_whole(tmp_path)
 
 
-@settings(max_examples=6, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=3, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(seed=st.integers(0, 2**32))
 def test_any_pages(database: pathlib.Path, tmp_path: pathlib.Path, seed: int):
     """Whatever LMDB makes of damaged pages, the parent has the values or a line about the file."""
