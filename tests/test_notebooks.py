@@ -7,8 +7,6 @@ import re
 import sys
 import tomllib
 
-import jupytext
-import nbformat
 import pytest
 
 ROOT = pathlib.Path(__file__).parent.parent
@@ -37,12 +35,16 @@ def test_notebook_runs(source, monkeypatch):
 
 @pytest.mark.parametrize("source", SOURCES, ids=lambda path: path.stem)
 def test_pair_is_in_step(source):
+    import jupytext
+
     cells = [[cell.source for cell in jupytext.read(path).cells] for path in (source, source.with_suffix(".ipynb"))]
     assert cells[0] == cells[1]
 
 
 @pytest.mark.parametrize("source", SOURCES, ids=lambda path: path.stem)
 def test_stored_output_is_complete_and_clean(source):
+    import nbformat
+
     notebook = nbformat.read(source.with_suffix(".ipynb"), as_version=4)
     nbformat.validate(notebook)
     assert all(cell.execution_count for cell in notebook.cells if cell.cell_type == "code")

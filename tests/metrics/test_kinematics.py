@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from sklearn.cross_decomposition import CCA
 
 from ha2g_jax.metrics import kinematics, reconstruction
 from ha2g_jax.skeleton import directions_to_positions, joint_angles, load_skeleton, normalize
@@ -130,6 +129,8 @@ def test_a_joint_that_never_moves_does_not_dilute_the_distance():
 
 @pytest.mark.parametrize("seed", range(3))
 def test_canonical_correlation_is_scikit_learns(seed):
+    from sklearn.cross_decomposition import CCA
+
     rng = np.random.default_rng(seed)
     shared = rng.normal(size=(400, 1))
     x = np.concatenate([shared + rng.normal(size=(400, 2)), rng.normal(size=(400, 4))], axis=1)

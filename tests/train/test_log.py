@@ -10,7 +10,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import tqdm
-from tensorboard.backend.event_processing import event_accumulator
 
 from ha2g_jax.config import presets
 from ha2g_jax.progress import progress_bar
@@ -163,6 +162,8 @@ def write(tmp_path, config):
 
 def _scalars(folder):
     """Read (step, value) of the metric with TensorBoard's own reader."""
+    from tensorboard.backend.event_processing import event_accumulator
+
     events = event_accumulator.EventAccumulator(str(folder / "tensorboard"))
     events.Reload()
     return [(event.step, event.value) for event in events.Scalars("loss/huber")]

@@ -75,23 +75,28 @@ def convert(motion, sizes):
     return np.concatenate([live.animate(part).rotations for part in np.split(motion.directions, ends)[: len(sizes)]])
 
 
-def test_a_frame_is_the_last_frame_of_a_motion_that_ends_with_it(motion):
-    found = convert(motion, [1] * FRAMES)
+@pytest.fixture(scope="module")
+def one_by_one(motion):
+    """The rotations of frames that arrive one at a time."""
+    return convert(motion, [1] * FRAMES)
+
+
+def test_a_frame_is_the_last_frame_of_a_motion_that_ends_with_it(motion, one_by_one):
     for frames in (1, 2, 17, FRAMES):
         short = Motion.from_directions(motion.skeleton, motion.directions[:frames], FPS)
         expected = solver.animate(short).rotations[-1]
         # Half turns of early frames that are hardly seen may be decided differently, and are forgotten.
-        assert rotations.angle_between(found[frames - 1], expected).max() < 1e-3
+        assert rotations.angle_between(one_by_one[frames - 1], expected).max() < 1e-3
 
 
-def test_the_rotations_do_not_depend_on_how_many_frames_arrive_at_once(motion):
-    np.testing.assert_allclose(convert(motion, [FRAMES]), convert(motion, [1] * FRAMES), atol=1e-9)
-    np.testing.assert_allclose(convert(motion, [7, 1, 30, 22]), convert(motion, [1] * FRAMES), atol=1e-9)
+def test_the_rotations_do_not_depend_on_how_many_frames_arrive_at_once(motion, one_by_one):
+    np.testing.assert_allclose(convert(motion, [FRAMES]), one_by_one, atol=1e-9)
+    np.testing.assert_allclose(convert(motion, [7, 1, 30, 22]), one_by_one, atol=1e-9)
 
 
-def test_the_twists_are_close_to_those_with_all_frames_known(motion):
+def test_the_twists_are_close_to_those_with_all_frames_known(motion, one_by_one):
     later = solver.animate(motion).rotations
-    assert np.quantile(rotations.angle_between(convert(motion, [1] * FRAMES), later), 0.9) < np.deg2rad(10)
+    assert np.quantile(rotations.angle_between(one_by_one, later), 0.9) < np.deg2rad(10)
 
 
 def test_signs_of_the_quaternions_are_continuous(motion):
