@@ -114,6 +114,37 @@ console.log(JSON.stringify(sent));
 """
 
 
+POSED = """
+const sockets = [];
+globalThis.WebSocket = class extends EventTarget { constructor() { super(); sockets.push(this); } };
+const body = new Body();
+const poses = [[...body.pose]];
+const send = (message) => sockets[1].onmessage({ data: JSON.stringify(message) });
+send({ type: "joints", joints: [{ name: "hips" }, { name: "spine" }, { name: "none" }] });
+send({ type: "frame", rotations: [[0, 0, 0, 1], [0.5, 0.5, -0.5, 0.5], [1, 0, 0, 0]] });
+for (const metaVersion of ["0", "1"]) {
+  const found = {};
+  const bone = (name) => ({ quaternion: { set: (...values) => (found[name] = values) } });
+  const getNormalizedBoneNode = (name) => (name === "none" ? null : bone(name));
+  body.poseVrm({ meta: { metaVersion }, humanoid: { getNormalizedBoneNode } });
+  poses.push(found);
+}
+console.log(JSON.stringify([...poses, [...body.pose]]));
+"""
+
+
+@pytest.mark.skipif(not shutil.which("node"), reason="needs node")
+def test_an_avatar_is_posed_in_the_axes_of_its_version_of_vrm():
+    script = (EXAMPLES / "avatar.js").read_text() + POSED
+    command = ["node", "--input-type=module", "-"]
+    found = subprocess.run(command, input=script, capture_output=True, text=True, timeout=60, check=True)
+    before, old, new, pose = json.loads(found.stdout)
+    assert before == []
+    assert old == {"hips": [0, 0, 0, 1], "spine": [-0.5, 0.5, 0.5, 0.5]}
+    assert new == {"hips": [0, 0, 0, 1], "spine": [0.5, 0.5, -0.5, 0.5]}
+    assert pose == [0, 0, 0, 1, 0.5, 0.5, -0.5, 0.5, 1, 0, 0, 0]
+
+
 @pytest.mark.skipif(not shutil.which("node"), reason="needs node")
 def test_an_avatar_says_a_long_answer_in_messages_that_the_source_takes():
     script = (EXAMPLES / "avatar.js").read_text() + LONG_SPEECH

@@ -75,9 +75,17 @@ export class Body {
     this.#waiting = this.#waiting.filter(({ time }) => time >= oldest);
   }
 
+  /** Rotations x, y, z, w of all joints of the latest frame one after the other, empty before the first frame. */
+  get pose() {
+    return Float32Array.from(this.#rotations.flat());
+  }
+
   /** Poses an avatar of three-vrm; call it in each frame, before `vrm.update`. */
   poseVrm(vrm) {
-    this.#each((name, rotation) => vrm.humanoid.getNormalizedBoneNode(name)?.quaternion.fromArray(rotation));
+    const sign = vrm.meta.metaVersion === "0" ? -1 : 1; // in the normalized bones of VRM 0.x the figure faces -z
+    this.#each((name, [x, y, z, w]) => {
+      vrm.humanoid.getNormalizedBoneNode(name)?.quaternion.set(sign * x, y, sign * z, w);
+    });
   }
 
   /** Poses an avatar of TalkingHead; call it in the option `update`. */
