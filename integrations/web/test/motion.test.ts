@@ -4,9 +4,11 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { ha2gArmature, world } from "../src/motion/armature.js";
 import { fromEuler, toEuler, type Order } from "../src/motion/euler.js";
-import { LivePoses, localRotations, retarget } from "../src/motion/poses.js";
+import { Motion } from "../src/motion/motion.js";
+import { LivePoses, localRotations, retarget, type RigName } from "../src/motion/poses.js";
 import { about, angleBetween, between, continuous, rotate, slerp, unit } from "../src/motion/rotations.js";
 import { fit } from "../src/motion/solver/fitting.js";
+import { joined } from "../src/motion/solver/solver.js";
 import { smoothAngle } from "../src/motion/solver/twist.js";
 import { directionOf, makeMotion, SKELETON } from "./fixtures/motion.js";
 
@@ -112,4 +114,33 @@ test("a skeleton without a rest pose, and directions that are no numbers, are re
   const live = new LivePoses(SKELETON, 15, "ha2g");
   assert.throws(() => live.animate(new Float32Array(3)), /not frames of 42/);
   assert.throws(() => live.animate(new Float32Array(3 * 42).fill(NaN)), /finite/);
+});
+
+test("a rig of another name is refused", () => {
+  for (const name of ["unity", "constructor", undefined] as unknown as RigName[]) {
+    const message = { message: `no rig "${name}"; expected ha2g, mixamo, vrm` };
+    assert.throws(() => retarget(makeMotion(), name), message);
+    assert.throws(() => new LivePoses(SKELETON, 15, name), message);
+  }
+});
+
+test("frame rates and directions that no file may have, and times that are no numbers, are refused", () => {
+  const { directions } = makeMotion();
+  for (const fps of [NaN, 0, -15, 2000]) {
+    const message = { message: `the motion has ${fps} frames per second; expected 0.1 to 1000` };
+    assert.throws(() => new Motion(SKELETON, directions, fps), message);
+    assert.throws(() => new LivePoses(SKELETON, fps, "vrm"), message);
+  }
+  for (const value of [0, NaN, Infinity]) {
+    const changed = directions.slice().fill(value, 3 * (42 + 2), 3 * (42 + 3));
+    const where = "the bone to right_shoulder in frame 1";
+    const message = `${where} has a direction of length ${value}; expected a finite one above 0`;
+    assert.throws(() => new Motion(SKELETON, changed, 15), { message });
+  }
+  assert.throws(() => retarget(makeMotion(), "vrm").at(NaN), /the time of the pose is NaN; expected a number/);
+});
+
+test("an hour of frames is joined to the frame before", () => {
+  const [joint] = joined([Float64Array.of(0, 0, 0, 1)], [new Float64Array(4 * 3600 * 60).fill(2)]) as [Float64Array];
+  assert.deepEqual([joint.length, joint[3], joint[4], joint.at(-1)], [4 * (3600 * 60 + 1), 1, 2, 2]);
 });

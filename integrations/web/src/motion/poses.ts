@@ -4,7 +4,7 @@ import type { Skeleton } from "../description.js";
 import type { Animation } from "./armature.js";
 import type { Motion } from "./motion.js";
 import { Transfer } from "./retargeting.js";
-import { MIXAMO, VRM } from "./rigs.js";
+import { MIXAMO, VRM, type Rig } from "./rigs.js";
 import type { Numbers } from "./rotations.js";
 import { animate, Solver } from "./solver/solver.js";
 
@@ -33,6 +33,7 @@ export class Poses {
   at(seconds: number): Float32Array {
     const size = 4 * this.joints.length;
     const place = Math.min(Math.max(seconds * this.fps, 0), this.numFrames - 1);
+    if (Number.isNaN(place)) throw new Error(`the time of the pose is ${seconds}; expected a number of seconds`);
     const first = Math.floor(place);
     const pose = this.rotations.slice(size * first, size * (first + 1));
     const next = this.rotations.subarray(size * Math.min(first + 1, this.numFrames - 1));
@@ -56,8 +57,8 @@ export class Poses {
  * @param rig - joints of the result.
  */
 export function retarget(motion: Motion, rig: RigName): Poses {
+  const target = rigOf(rig);
   const animation = animate(motion);
-  const target = RIGS[rig];
   return posesOf(target ? new Transfer(animation.armature, target).apply(animation) : animation);
 }
 
@@ -80,12 +81,12 @@ export class LivePoses {
    * Starts before the first frame.
    *
    * @param skeleton - skeleton of the direction vectors.
-   * @param fps - frames per second.
+   * @param fps - frames per second, 0.1 to 1000.
    * @param rig - joints of the result.
    */
   constructor(skeleton: Skeleton, fps: number, rig: RigName) {
+    const target = rigOf(rig);
     this.solver = new Solver(skeleton, fps);
-    const target = RIGS[rig];
     if (target) this.transfer = new Transfer(this.solver.armature, target);
   }
 
@@ -96,6 +97,11 @@ export class LivePoses {
     this.last = animation.rotations.map((joint) => joint.slice(-4));
     return posesOf(animation);
   }
+}
+
+function rigOf(name: RigName): Rig | undefined {
+  if (!Object.hasOwn(RIGS, name)) throw new Error(`no rig "${name}"; expected ${Object.keys(RIGS).join(", ")}`);
+  return RIGS[name];
 }
 
 function posesOf({ armature, rotations, fps }: Animation): Poses {

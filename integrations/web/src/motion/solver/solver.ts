@@ -2,7 +2,7 @@
 
 import type { Skeleton } from "../../description.js";
 import { ha2gArmature, type Animation, type Armature } from "../armature.js";
-import type { Motion } from "../motion.js";
+import { checkFps, type Motion } from "../motion.js";
 import { exportAxes } from "../rest.js";
 import { continuous, unit, type Numbers } from "../rotations.js";
 import { pointed, solve } from "./frames.js";
@@ -43,12 +43,13 @@ export class Solver {
    * Starts before the first frame.
    *
    * @param skeleton - skeleton of the direction vectors.
-   * @param fps - frames per second.
+   * @param fps - frames per second, 0.1 to 1000.
    */
   constructor(
     private readonly skeleton: Skeleton,
     private readonly fps: number,
   ) {
+    checkFps(fps);
     this.armature = ha2gArmature(skeleton);
     this.twists = new FrameByFrame(fps);
   }
@@ -92,6 +93,12 @@ function byBone(skeleton: Skeleton, directions: Float32Array): Numbers[] {
   });
 }
 
-function joined(first: Numbers[], second: Numbers[]): Numbers[] {
-  return first.map((joint, index) => Float64Array.of(...joint, ...second[index]));
+/** Returns the rotations of each joint in some frames, and then in others. */
+export function joined(first: Numbers[], second: Numbers[]): Numbers[] {
+  return first.map((joint, index) => {
+    const both = new Float64Array(joint.length + second[index].length);
+    both.set(joint);
+    both.set(second[index], joint.length);
+    return both;
+  });
 }
