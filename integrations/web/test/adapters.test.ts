@@ -2,7 +2,9 @@
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
+import { runInNewContext } from "node:vm";
 import { Object3D, Vector3 } from "three";
+import { imageSize } from "../src/adapters/image-size.js";
 import { poseTalkingHead, talkingHeadBones } from "../src/adapters/talkinghead.js";
 import { loadVrm, poseVrm } from "../src/adapters/vrm.js";
 import type { Json } from "../src/formats/container.js";
@@ -97,6 +99,31 @@ for (const version of ["0", "1"] as const) {
   });
 }
 
+test("an avatar is read from a part of a Buffer, and from an ArrayBuffer of another realm", async () => {
+  const file = avatarFile(makeAvatar("1"));
+  const part = Buffer.concat([Buffer.alloc(9), file]).subarray(9);
+  const other = runInNewContext(`new ArrayBuffer(${file.length})`) as ArrayBuffer;
+  new Uint8Array(other).set(file);
+  for (const bytes of [part, other]) assert.equal((await loadVrm(bytes)).metadata.authors, "someone, another");
+});
+
+test("a pose may be a plain array", () => {
+  const turned: number[][] = [];
+  const bone = { quaternion: { set: (...values: number[]) => turned.push(values) } };
+  const humanoid = { getNormalizedBoneNode: () => bone };
+  for (const pose of [poseOf(5), Array.from(poseOf(5))]) poseVrm({ meta: { metaVersion: "0" }, humanoid }, pose);
+  assert.deepEqual(turned.slice(RIG.joints.length), turned.slice(0, RIG.joints.length));
+});
+
+test("the size of a JPEG is found after bytes that fill up, and not after a marker without a length", () => {
+  const after = (...bytes: number[]) => {
+    const frame = [0xff, 0xc0, 0, 11, 8, 0, 10, 0, 20, 1, 1, 0x11, 0];
+    return imageSize(Uint8Array.of(0xff, 0xd8, 0xff, 0xe0, 0, 4, 0, 0, ...bytes, ...frame));
+  };
+  assert.deepEqual([after(), after(0xff), after(0xff, 0xff)], [[20, 10], [20, 10], [20, 10]]);
+  assert.deepEqual([after(0xff, 0x01, 0, 2), after(0xff, 0xd0, 0, 2), after(0)], [undefined, undefined, undefined]);
+});
+
 const avatar = makeAvatar("1");
 const circle = structuredClone(avatar.nodes) as Json[];
 circle[3].children = [1];
@@ -127,6 +154,15 @@ const hostile: Record<string, [Uint8Array, RegExp]> = {
     /too large/,
   ],
   "an image of 3.6 gigapixels": [avatarFile({ ...avatar, ...images }, png), /60000 x 60000/],
+  "an avatar without metadata": [
+    avatarFile({ ...avatar, extensions: { VRMC_vrm: { humanoid: {} } } }),
+    /the avatar has no meta in its extension VRMC_vrm/,
+  ],
+  "an avatar without a humanoid": [
+    avatarFile({ ...avatar, extensions: { VRM: { meta: {}, humanoid: [] } } }),
+    /the avatar has no humanoid in its extension VRM$/,
+  ],
+  "an avatar without a scene": [avatarFile({ ...avatar, scenes: [] }), /the avatar has no scene/],
   "an avatar without bones": [avatarFile({ ...avatar, extensions: { VRMC_vrm: { specVersion: "1.0" } } }), /avatar/],
 };
 for (const [name, [bytes, message]] of Object.entries(hostile)) {

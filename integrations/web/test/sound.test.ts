@@ -2,6 +2,7 @@
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
+import { runInNewContext } from "node:vm";
 import { rateOf } from "../site/containers.js";
 import { openSound } from "../site/sound.js";
 import { round, toFloat16 } from "../src/rounding.js";
@@ -44,6 +45,12 @@ test("samples of every kind are read", () => {
   for (const [code, bits] of [[1, 8], [1, 16], [1, 24], [1, 32], [3, 32], [3, 64]]) {
     assert.deepEqual([...readSound(wav(samples, { code, bits }))], samples, `${code} ${bits}`);
   }
+});
+
+test("a file may be a part of a Buffer, and samples an array of another realm", () => {
+  const file = new Uint8Array(wav(Array(4000).fill(0.5)));
+  assert.equal(readSound(Buffer.concat([Buffer.alloc(9), file]).subarray(9)).length, 4000);
+  assert.equal(resample(runInNewContext("new Float32Array(4800)") as Float32Array, 48000).length, 1600);
 });
 
 test("channels are averaged, and a recorder that was stopped may state any length", () => {

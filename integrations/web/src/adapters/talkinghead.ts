@@ -31,7 +31,7 @@ const BONES = MIXAMO.joints.map(({ name }) => name.replace("mixamorig:", ""));
  *
  * @param pose - (joints, 4) rotations of the rig "mixamo": `retarget(motion, "mixamo").at(seconds)`.
  */
-export function talkingHeadBones(pose: Float32Array): Map<string, Quaternion> {
+export function talkingHeadBones(pose: ArrayLike<number>): Map<string, Quaternion> {
   if (pose.length !== 4 * BONES.length) {
     throw new Error(`the pose has ${pose.length} numbers; expected ${4 * BONES.length}, those of the rig mixamo`);
   }
@@ -50,7 +50,7 @@ export function talkingHeadBones(pose: Float32Array): Map<string, Quaternion> {
  * @param head - a TalkingHead with an avatar.
  * @param pose - (joints, 4) rotations of the rig "mixamo".
  */
-export function poseTalkingHead(head: TalkingHeadLike, pose: Float32Array): void {
+export function poseTalkingHead(head: TalkingHeadLike, pose: ArrayLike<number>): void {
   talkingHeadBones(pose).forEach((rotation, name) => {
     head.armature.getObjectByName(name)?.quaternion.set(...rotation);
   });

@@ -18,8 +18,8 @@ const COMPONENTS: Record<string, number> = { SCALAR: 1, VEC2: 2, VEC3: 3, VEC4: 
  * Checks that a file is a VRM avatar, complete in itself and of usual size.
  *
  * @param bytes - contents of the file.
- * @throws Error if it is larger than 100 MiB, no GLB file with the extension VRM or VRMC_vrm, refers to another file, or
- *   describes nodes, arrays or images as no avatar has them.
+ * @throws Error if it is larger than 100 MiB, no GLB file with the extension VRM or VRMC_vrm, refers to another file,
+ *   has no metadata, humanoid or scene, or describes nodes, arrays or images as no avatar has them.
  */
 export function checkVrm(bytes: Uint8Array): void {
   if (bytes.length > MAX_BYTES) {
@@ -32,6 +32,12 @@ export function checkVrm(bytes: Uint8Array): void {
     throw new Error("the GLB file is not a VRM avatar: it has neither the extension VRMC_vrm nor VRM");
   }
   checkUris(json);
+  const name = isObject(extensions.VRMC_vrm) ? "VRMC_vrm" : "VRM";
+  const avatar = extensions[name] as Json;
+  for (const part of ["meta", "humanoid"]) {
+    if (!isObject(avatar[part])) throw new Error(`the avatar has no ${part} in its extension ${name}`);
+  }
+  if (!rows(json, "scenes")[Number(json.scene ?? 0)]) throw new Error("the avatar has no scene");
   checkNodes(rows(json, "nodes"));
   checkArrays(rows(json, "accessors"));
   checkImages(json, blob);

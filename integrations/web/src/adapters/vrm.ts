@@ -12,6 +12,7 @@
 import { VRMLoaderPlugin, VRMUtils, type VRM } from "@pixiv/three-vrm";
 import { LoadingManager } from "three";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
+import { bytesOf } from "../formats/bytes.js";
 import { VRM as RIG } from "../motion/rigs.js";
 import { conjugate, IDENTITY, multiply, type Numbers } from "../motion/rotations.js";
 import { checkVrm } from "./vrm-file.js";
@@ -45,7 +46,7 @@ const MAX_LETTERS = 2000; // of a text of the metadata
  * @throws Error if it is no VRM avatar, damaged, too large, or refers to another file.
  */
 export async function loadVrm(bytes: ArrayBuffer | Uint8Array): Promise<Avatar> {
-  const file = new Uint8Array(bytes instanceof ArrayBuffer ? bytes : bytes.slice().buffer);
+  const file = bytesOf(bytes);
   checkVrm(file);
   const manager = new LoadingManager();
   manager.setURLModifier((url) => {
@@ -56,7 +57,8 @@ export async function loadVrm(bytes: ArrayBuffer | Uint8Array): Promise<Avatar> 
   loader.register((parser) => new VRMLoaderPlugin(parser));
   let vrm: VRM | undefined;
   try {
-    const { userData } = await loader.parseAsync(file.buffer, "");
+    // The loader takes a whole ArrayBuffer, of its own realm.
+    const { userData } = await loader.parseAsync(file.slice().buffer, "");
     vrm = userData.vrm as VRM | undefined;
     vrm?.update(0); // what cannot be moved, such as constraints in a circle, is found here
   } catch (error) {
@@ -75,14 +77,14 @@ export async function loadVrm(bytes: ArrayBuffer | Uint8Array): Promise<Avatar> 
  * @param avatar - a VRM of @pixiv/three-vrm.
  * @param pose - (joints, 4) rotations of the rig "vrm": `retarget(motion, "vrm").at(seconds)`.
  */
-export function poseVrm(avatar: Posable, pose: Float32Array): void {
+export function poseVrm(avatar: Posable, pose: ArrayLike<number>): void {
   if (pose.length !== 4 * RIG.joints.length) {
     throw new Error(`the pose has ${pose.length} numbers; expected ${4 * RIG.joints.length}, those of the rig vrm`);
   }
   const nodes = RIG.joints.map(({ name }) => avatar.humanoid.getNormalizedBoneNode(name));
   const turned: Numbers[] = [];
   RIG.joints.forEach(({ parent }, joint) => {
-    const local = Float64Array.from(pose.subarray(4 * joint, 4 * joint + 4));
+    const local = Float64Array.from({ length: 4 }, (_, part) => pose[4 * joint + part]);
     turned.push(parent < 0 ? local : multiply(turned[parent], local));
   });
   const trunk = TRUNK.map((name) => RIG.joints.findIndex((joint) => joint.name === name));

@@ -1,4 +1,10 @@
-/** Joining of bytes. */
+/** Views of bytes, and joining of them. */
+
+/** Returns a view of bytes, which may be those of a Node Buffer, or of an array of another realm. */
+export function bytesOf(bytes: ArrayBuffer | Uint8Array): Uint8Array {
+  if (!ArrayBuffer.isView(bytes)) return new Uint8Array(bytes);
+  return new Uint8Array(bytes.buffer, bytes.byteOffset, bytes.byteLength);
+}
 
 /** Joins arrays of bytes to one. */
 export function joinBytes(parts: Uint8Array[]): Uint8Array {

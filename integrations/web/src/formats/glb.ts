@@ -3,7 +3,7 @@
 import type { Animation } from "../motion/armature.js";
 import type { Motion } from "../motion/motion.js";
 import { animate } from "../motion/solver/solver.js";
-import { joinBytes } from "./bytes.js";
+import { bytesOf, joinBytes } from "./bytes.js";
 import { readContainer, writeContainer, type Json } from "./container.js";
 
 const FLOAT = 5126;
@@ -46,8 +46,8 @@ interface Figure extends Json {
  * @returns bytes of the file; the same arguments give the same bytes.
  * @throws Error if the figure has other joints or bone lengths than the motion.
  */
-export function writeGlb(motion: Motion, figure: Uint8Array): Uint8Array {
-  const { json, blob } = readContainer(figure);
+export function writeGlb(motion: Motion, figure: ArrayBuffer | Uint8Array): Uint8Array {
+  const { json, blob } = readContainer(bytesOf(figure));
   const body = json as Figure;
   const animation = animate(motion);
   const nodes = nodesOf(body, animation);

@@ -59,7 +59,7 @@ export function isSilent(samples: Float32Array): boolean {
 
 /** Checks that samples are floating-point numbers, as those of an Int16Array are not within -1 and 1. */
 export function checkArray(samples: Float32Array): void {
-  if (!(samples instanceof Float32Array)) {
+  if (samples?.[Symbol.toStringTag] !== "Float32Array") {
     throw new Error("the sound is no Float32Array; expected mono samples within -1 and 1");
   }
 }

@@ -1,5 +1,6 @@
 /** Reader of WAV files. */
 
+import { bytesOf } from "../formats/bytes.js";
 import { SAMPLE_RATE } from "./mel.js";
 import { resample } from "./resample.js";
 import { checkLength, finite, isCancelled } from "./speech.js";
@@ -25,8 +26,9 @@ interface Format {
  * @returns (samples,) at 16 kHz.
  * @throws Error if it is no WAV file of PCM or floating-point samples, shorter than 0.2 s or longer than 65 minutes.
  */
-export function readSound(bytes: ArrayBuffer): Float32Array {
-  const view = new DataView(bytes);
+export function readSound(bytes: ArrayBuffer | Uint8Array): Float32Array {
+  const { buffer, byteOffset, byteLength } = bytesOf(bytes);
+  const view = new DataView(buffer, byteOffset, byteLength);
   const { format, start, end } = readChunks(view);
   const numSamples = Math.floor((end - start) / (format.size * format.channels));
   checkLength(numSamples, format.rate);
