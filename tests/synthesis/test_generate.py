@@ -197,7 +197,7 @@ def test_the_demo_moves_as_it_did(demo):
 def performed(demo):
     """What the demo performs for a minute in three styles, and the same with two frames left out at each border."""
     clips, jumping = [], []
-    for seed in range(3):
+    for seed in range(2):
         audio = speech(61, seed, pace=1.87)  # no multiple of the windows' 2 s, or strokes would come at their borders
         clips.append(clip := demo.generate(audio, seed=seed).directions)
         frames = np.arange(len(clip))
@@ -218,7 +218,7 @@ def test_the_demo_has_no_seams(performed, fps):
         return seam_score(finer, borders, fps, width=times * WIDTH, first_frame=4 * times)
 
     found, control = score(clips), score(jumping)
-    assert found.borders == control.borders > 60
+    assert found.borders == control.borders > 50
     assert found.velocity_p > 0.05 > control.acceleration_p
     # Windows may meet closely, so that the easing makes the motion there calmer than elsewhere.
     assert 0.6 < found.velocity < 1.05

@@ -53,18 +53,18 @@ def test_bytes_do_not_depend_on_the_cuts(debug_model, at_once, cuts):
     assert np.concatenate([*parts, stream.flush()]).tobytes() == expected.tobytes()
 
 
-def test_two_minutes_at_once_give_the_same_bytes(debug_model):
-    samples = np.tile(speech(60), 2)
+def test_more_than_a_minute_at_once_gives_the_same_bytes(debug_model):
+    samples = np.tile(speech(35), 2)
     whole = {"look_ahead": 0, "hop": 26}
     expected = streamed(debug_model, samples, 16001, **whole)
-    assert expected.shape == (1800, 42, 3)
+    assert expected.shape == (1050, 42, 3)
     assert streamed(debug_model, samples, **whole).tobytes() == expected.tobytes()
 
 
 @pytest.mark.parametrize("hop", [13, 26])
 def test_the_memory_of_a_stream_does_not_grow(debug_model, held_bytes, hop):
     stream, sizes = debug_model.stream(hop=hop), []
-    for _ in range(3):
+    for _ in range(2):
         stream.feed(speech(64))
         sizes.append(held_bytes(stream))
     assert sizes[0] > 50_000
@@ -126,7 +126,7 @@ def test_a_stream_rests_within_a_second_of_silence(demo, part):
     options = [{"look_ahead": 0}, {"look_ahead": 3}, {"look_ahead": 8, "hop": 2}, {"look_ahead": 0, "hop": 26}][part]
     noise = np.random.default_rng(part).normal(0, 1e-3, 2 * SAMPLE_RATE).astype(np.float32)
     sound = np.concatenate([np.zeros(SAMPLE_RATE, np.float32), speech(0.6), noise, speech(0.6)])
-    for seed, speaker in list(enumerate(demo.assets.speakers))[part::16]:
+    for seed, speaker in list(enumerate(demo.assets.speakers))[part::24]:
         frames = streamed(demo, sound, style=Style(speaker=speaker), seed=seed, **options)
         speeds = movement_speeds(demo.assets.skeleton, frames)
         resting = np.concatenate([speeds[: FPS - 9], speeds[39:45]])
@@ -139,8 +139,8 @@ def test_a_stream_rests_within_a_second_of_silence(demo, part):
 def test_a_stream_makes_no_stroke_to_bursts_of_noise(demo, level):
     """Those at -50 dBFS are at the level from which on there is sound, so that it rests between some of them."""
     rng, decay = np.random.default_rng(0), np.exp(-np.arange(SAMPLE_RATE) / 800)
-    bursts = np.zeros(16 * SAMPLE_RATE)
-    for start in rng.integers(15 * SAMPLE_RATE, size=20):
+    bursts = np.zeros(10 * SAMPLE_RATE)
+    for start in rng.integers(9 * SAMPLE_RATE, size=12):
         bursts[start : start + SAMPLE_RATE] += rng.uniform(0.2, 1) * decay * rng.normal(size=SAMPLE_RATE)
     sound = (bursts / np.sqrt(np.mean(bursts**2)) * 10 ** (level / 20)).astype(np.float32)
     wrists = wrist_positions(demo.assets.skeleton, streamed(demo, np.clip(sound, -1, 1)))
@@ -154,7 +154,7 @@ def movement_speeds(skeleton, frames):
 
 
 def test_a_stream_rests_where_a_file_does(demo):
-    style, silence = Style(speaker="speaker-03", variation=0), np.zeros(60 * SAMPLE_RATE, np.float32)
+    style, silence = Style(speaker="speaker-03", variation=0), np.zeros(30 * SAMPLE_RATE, np.float32)
     rest = wrist_positions(demo.assets.skeleton, streamed(demo, silence, style=style))
     file = wrist_positions(demo.assets.skeleton, demo.generate(silence[: 8 * SAMPLE_RATE], style=style).directions[60:])
     assert np.linalg.norm(rest.mean(axis=0) - file.mean(axis=0), axis=-1).max() < 0.03
