@@ -16,6 +16,7 @@
 PYTHON ?= python3
 VENV ?= .venv
 PYTEST_WORKERS ?= 3
+TORCH_TESTS ?= torch
 # Or "uv pip", which takes a quarter of the time and does not read the settings of pip.
 INSTALLER ?= pip
 PIP = -m pip install --quiet --no-compile
@@ -41,7 +42,7 @@ fuzz: $(VENV)/test
 
 # With AVX-512, the oneDNN of PyTorch 2.13 writes past its memory in a training step on some AMD processors.
 test-torch: $(VENV)-torch/torch
-	ONEDNN_MAX_CPU_ISA=AVX2 $(VENV)-torch/bin/python -m pytest -m torch $$(grep -rl 'mark\.torch' tests --include='test_*.py')
+	ONEDNN_MAX_CPU_ISA=AVX2 $(VENV)-torch/bin/python -m pytest -m $(TORCH_TESTS) $$(grep -rl 'mark\.torch' tests --include='test_*.py')
 
 test-blender: $(VENV)/test $(VENV)-blender/bpy
 	HA2G_BLENDER_PYTHON=$(abspath $(VENV))-blender/bin/python $(VENV)/bin/python -m pytest tests/test_blender.py tests/motion/formats tests/motion/readers

@@ -104,10 +104,10 @@ MAX_MOTION_FPS = 1_000
 """Highest frame rate of a file of motion."""
 
 MIN_FPS = 1
-"""Lowest frame rate of `ha2g generate --fps`."""
+"""Lowest frame rate of generated motion, and of a corpus."""
 
 MAX_FPS = 240
-"""Highest frame rate of `ha2g generate --fps`."""
+"""Highest frame rate of generated motion, and of a corpus."""
 
 MAX_MOTION_JOINTS = 1_000
 """Joints of a file of motion from another system."""

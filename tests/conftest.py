@@ -120,7 +120,7 @@ THOROUGH = (
     "train/test_hosts.py::test_a_run_of_two_processes_through_the_launcher",
     "train/test_loop.py::test_a_run_that_was_stopped_goes_on_as_if_it_had_not_been",
     "train/test_loop.py::test_two_steps_on_images",
-    "train/test_loop.py::test_two_steps_on_recordings[ted",
+    "train/test_loop.py::test_two_steps_on_recordings",
     "train/test_resume.py::test_a_run_that_is_killed_ends_as_one_left_alone[3",
     "train/test_resume.py::test_sigterm_while_the_first_step_is_compiled_ends_a_run_in_time",
     "train/test_resume.py::test_the_soak_notices_what_differs[3",

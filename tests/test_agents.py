@@ -113,6 +113,19 @@ new Body().say(new Int16Array(600000));
 console.log(JSON.stringify(sent));
 """
 
+REUSED = """
+const sockets = [], sent = [];
+globalThis.WebSocket = class extends EventTarget {
+  static OPEN = 1;
+  constructor() { super(); sockets.push(this); }
+  send(message) { sent.push([...message]); }
+};
+const body = new Body(), buffer = new Int16Array(2);
+for (const value of [1, 2]) body.say(buffer.fill(value));
+sockets[0].onopen();
+console.log(JSON.stringify(sent));
+"""
+
 
 POSED = """
 const sockets = [];
@@ -152,6 +165,14 @@ def test_an_avatar_says_a_long_answer_in_messages_that_the_source_takes():
     found = subprocess.run(command, input=script, capture_output=True, text=True, timeout=60, check=True)
     sizes = json.loads(found.stdout)
     assert max(sizes) <= 2**20 and sum(sizes) == 2 * 600000
+
+
+@pytest.mark.skipif(not shutil.which("node"), reason="needs node")
+def test_an_avatar_keeps_what_it_says_before_it_is_connected():
+    script = (EXAMPLES / "avatar.js").read_text() + REUSED
+    command = ["node", "--input-type=module", "-"]
+    found = subprocess.run(command, input=script, capture_output=True, text=True, timeout=60, check=True)
+    assert json.loads(found.stdout) == [[1, 1], [2, 2]]
 
 
 @pytest.mark.skipif(not shutil.which("node"), reason="needs node")

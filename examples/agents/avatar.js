@@ -55,7 +55,7 @@ export class Body {
 
   /** Speaks: PCM of 16 bits, mono, at the rate of `--rate`, an `Int16Array` of any length. */
   say(pcm) {
-    for (let first = 0; first < pcm.length; first += MOST_SAMPLES) this.#send(pcm.subarray(first, first + MOST_SAMPLES));
+    for (let first = 0; first < pcm.length; first += MOST_SAMPLES) this.#send(pcm.slice(first, first + MOST_SAMPLES));
   }
 
   /** Changes what the body does: { state: "listen" }, { cue: "nod" }, { muted: true }, { clear: true }. */

@@ -272,6 +272,8 @@ def draws_verdict(scores: RowScores, split: str) -> str:
     """Say whether our draws are as close together as those of the paper."""
     draws = [one["splits"][split]["draws"] for mine in scores.values() for one in mine.values()]
     ranges = [_relative_range(own) for each in draws for own in each.values() if own]
+    if not ranges:
+        return "No two windows are of different recordings, so that there are no draws."
     if not any(ranges):
         return "All draws are the same: there are no more than 500 pairs of different recordings."
     widest, published = max(ranges), _relative_range(TABLE_12)
@@ -279,7 +281,8 @@ def draws_verdict(scores: RowScores, split: str) -> str:
 
 
 def _relative_range(draws: Sequence[float]) -> float:
-    return float(np.ptp(draws) / np.mean(draws))
+    mean = np.mean(draws)
+    return float(np.ptp(draws) / mean) if mean else 0.0
 
 
 def other_rows(table: Table, scores: RowScores, split: str) -> list[tuple[str, str, Mapping[int, Scores]]]:

@@ -302,7 +302,9 @@ def _add_merge(data: Any) -> None:
     command.description = "Merge several corpora of one skeleton and frame rate into a new one."
     command.add_argument("src", type=pathlib.Path, nargs="+", metavar="SRC", help="folders of the corpora to merge")
     _add_destination(command)
-    command.add_argument("--same-speakers", action="store_true", help="treat speakers of the same name as one person")
+    command.add_argument(
+        "--same-speakers", action="store_true", help="treat speakers, and recordings, of the same name as one"
+    )
     command.set_defaults(run=_merge)
 
 

@@ -17,9 +17,8 @@ from ha2g_jax.data.records import PAPER_FPS, WINDOW_FRAMES, frames_at
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import check_utf8, file_sha256, shown
 from ha2g_jax.files.writing import check_new, whole_folder
+from ha2g_jax.limits import MAX_FPS, MIN_FPS
 from ha2g_jax.skeleton import Skeleton, bone_lengths, joint_angles, load_skeleton, positions_to_directions
-
-MIN_FPS, MAX_FPS = 1, 1000  # frames per second
 
 _CLIPS_PER_SHARD = 1000
 # One record per group, so that each clip can be read alone; the other options are the library's defaults.

@@ -24,7 +24,8 @@ _UPRIGHT = np.array([0.0, -1.0, 0.0])  # y points down
 
 MAX_SECONDS = 20.0  # length of a clip; it is short because whole clips are decoded and a batch has windows of many
 
-TOO_SHORT, NO_WINDOW = "too short", "no window left"
+OF_CLIPS = TOO_SHORT, NO_WINDOW, DAMAGED = ("too short", "no window left", "damaged")  # reasons to leave out a clip
+UNUSABLE = "unusable recording"
 
 # Earliest and latest point at which a piece may be cut, as fractions of its length.
 _EARLIEST, _LATEST = 0.3, 0.7
@@ -88,8 +89,12 @@ def report_as_table(report: Report) -> str:
     lines = [f"{'split':<12}{'videos':>8}{'clips':>8}{'windows':>10}{'kept':>10}"]
     for split, counts in report.items():
         lines.append(f"{split:<12}{counts.videos:>8}{counts.clips:>8}{counts.windows:>10}{counts.kept:>10}")
-        for noun, reasons in (("window", counts.filtered), ("clip", counts.rejected)):
-            lines += [f"  {counted(count, noun)} left out: {reason}" for reason, count in reasons.items() if count]
+        nouns = dict.fromkeys(counts.filtered, "window") | {
+            reason: "clip" if reason in OF_CLIPS else "recording" if reason == UNUSABLE else "shot"
+            for reason in counts.rejected
+        }
+        for reason, count in (counts.filtered + counts.rejected).items():
+            lines.append(f"  {counted(count, nouns[reason])} left out: {reason}")
     return "\n".join(lines)
 
 

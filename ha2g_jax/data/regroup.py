@@ -38,8 +38,8 @@ _NEAR = 0.005  # tolerance of the duration of a split, as a fraction of the whol
 def merge(paths: Sequence[str | os.PathLike], dst: str | os.PathLike, *, same_speakers: bool = False) -> None:
     """Write the clips of at least two corpora into one, split by split, in the order of the paths.
 
-    Names of clips and recordings that occur in more than one corpus are prefixed with the name of the corpus' folder.
-    So are names of speakers unless `same_speakers`, because the same name in two corpora usually means two people.
+    Names of clips, recordings and speakers that occur in more than one corpus are prefixed with the name of the corpus'
+    folder, because the same name usually means two people. With `same_speakers`, those of speakers and recordings stay.
 
     The description joins the distinct sources, states the licence of each corpus, adds up the import reports, and keeps
     the other entries of each corpus under "merged". Nothing is left of `dst` if the work is interrupted.
@@ -50,7 +50,7 @@ def merge(paths: Sequence[str | os.PathLike], dst: str | os.PathLike, *, same_sp
     """
     corpora = [Corpus.open(path) for path in paths]
     _check_that_they_fit(corpora)
-    names = _names(corpora, _NAMED[:2] if same_speakers else _NAMED)
+    names = _names(corpora, _NAMED[:1] if same_speakers else _NAMED)
     splits = tuple(dict.fromkeys(split for corpus in corpora for split in corpus.splits))
     skeleton, fps = corpora[0].skeleton.name, corpora[0].fps
     with (

@@ -20,7 +20,7 @@ from scipy import ndimage, signal
 from ha2g_jax import figure
 from ha2g_jax.data import recording as filters
 from ha2g_jax.data.corpus import TRAIN, Corpus
-from ha2g_jax.data.recording import SplitReport, report_from_json
+from ha2g_jax.data.recording import OF_CLIPS, SplitReport, report_from_json
 from ha2g_jax.data.records import Clip
 from ha2g_jax.data.talk.speakers import Style, look_of
 from ha2g_jax.errors import UserError
@@ -182,10 +182,10 @@ def _choose(corpus: Corpus, count: int) -> list[tuple[str, int]]:
         first = number * len(clips) // min(count, len(clips))
         candidates = [index for index in range(first, min(first + _LOOK_AHEAD, len(clips))) if index not in chosen]
         known = {index: clips.fields(index)["speaker"] for index in candidates}
-        index = next((index for index, speaker in known.items() if speaker not in speakers), first)
-        if index not in chosen:
-            chosen.append(index)
-            speakers.add(known[index])
+        free = [*candidates, *(index for index in range(len(clips)) if index not in chosen)]
+        index = next((index for index, speaker in known.items() if speaker not in speakers), free[0])
+        chosen.append(index)
+        speakers.add(clips.fields(index)["speaker"])
     return [(split, index) for index in chosen]
 
 
@@ -251,9 +251,15 @@ def _losses(report: SplitReport) -> Iterator[str]:
         filtered = {_REASONS.get(reason, reason): count for reason, count in report.filtered.items()}
         yield _fractions({"kept": report.kept, **filtered}, good="kept")
     if report.rejected:
-        rest = max(report.clips - report.rejected.total(), 0)
+        of_clips = {reason: count for reason, count in report.rejected.items() if reason in OF_CLIPS}
+        rest = max(report.clips - sum(of_clips.values()), 0)
         yield f"<p class='quiet'>Of the {report.clips:,} clips:</p>"
-        yield _fractions({"have windows that were kept": rest, **report.rejected}, good="have windows that were kept")
+        yield _fractions({"have windows that were kept": rest, **of_clips}, good="have windows that were kept")
+        others = [
+            f"{html.escape(reason)}: {count:,}" for reason, count in report.rejected.items() if reason not in of_clips
+        ]
+        if others:
+            yield f"<p class='quiet'>Shots and recordings left out: {', '.join(others)}</p>"
 
 
 def _fractions(counts: Mapping[str, int], *, good: str) -> str:

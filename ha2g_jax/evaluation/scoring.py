@@ -210,6 +210,8 @@ def evaluate_recording(
     """
     from ha2g_jax import synthesis
 
+    if motion is not None:
+        check_reading([pathlib.Path(motion)], **reading)
     audio, warnings = read_audio(pathlib.Path(speech)), []
     _check_long_enough(speech, len(audio) / SAMPLE_RATE, "sound")
     if motion is None:

@@ -15,7 +15,7 @@ import numpy as np
 from ha2g_jax.data import recording, records
 from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.processes import parallel_map
-from ha2g_jax.data.recording import MOCAP, Recording, Report, SplitReport, cut, to_clips
+from ha2g_jax.data.recording import MOCAP, UNUSABLE, Recording, Report, SplitReport, cut, to_clips
 from ha2g_jax.data.records import Clip
 from ha2g_jax.errors import UserError
 from ha2g_jax.features import words as transcripts
@@ -47,7 +47,6 @@ from ha2g_jax.skeleton import (
 _TIMED_WORDS = ".textgrid"
 # BEAT2 names a recording NUMBER_SPEAKER_..., and has separate folders for motion, audio and words.
 _BEAT_NAME = re.compile(r"\d+_([A-Za-z]+)(_\d+){3}")
-_UNUSABLE = "unusable recording"
 _DIED = "a process that read the files was killed, perhaps because memory ran out; import fewer files at once"
 
 _logger = logging.getLogger(__name__)
@@ -290,7 +289,7 @@ def _import_file(
 
 
 def _failed(error: str) -> _Result:
-    return _Result([], SplitReport(rejected=collections.Counter({_UNUSABLE: 1})), error=error)
+    return _Result([], SplitReport(rejected=collections.Counter({UNUSABLE: 1})), error=error)
 
 
 def _good_stretches(is_good: np.ndarray | None, count: int) -> list[tuple[int, int]]:

@@ -69,6 +69,9 @@ def test_an_option_of_reading_that_has_no_effect_is_refused(tmp_path, capsys):
     assert "own.npz and the others does not depend on --unit; leave --unit out" in capsys.readouterr().err
     assert shown("places.npy", unit=1) == 2
     assert "it has arms" in capsys.readouterr().err
+    own = str(tmp_path / "own.npz")
+    assert cli.main(["evaluate", "--motion", own, "--speech", "x.wav", "--source-fps", "60"]) == 2
+    assert "own.npz does not depend on --source-fps" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", COMMANDS)

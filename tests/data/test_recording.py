@@ -1,5 +1,7 @@
 """A recording is cut where nobody speaks, and windows are dropped for the published reasons, and only for them."""
 
+import collections
+
 import numpy as np
 import pytest
 
@@ -72,6 +74,8 @@ def test_reports_add_up():
     assert SplitReport.from_json(total.as_json()) == total
     assert "rejected" not in as_json({"train": SplitReport()})["train"]
     assert "2 clips left out: too short" in as_table({"train": total})
+    unusable = SplitReport(rejected=collections.Counter({"unusable recording": 2}))
+    assert "2 recordings left out: unusable recording" in as_table({"train": unusable})
 
 
 FRAMES = 72  # four windows of the TED filters

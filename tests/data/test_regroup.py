@@ -106,6 +106,12 @@ def test_speakers_of_one_name_may_be_one_person(corpora, tmp_path):
     assert Corpus.open(tmp_path / "all").speakers == ("bo", "al", "cy")
 
 
+def test_a_recording_in_two_corpora_of_the_same_speakers_stays_one(corpora, tmp_path):
+    regroup.merge(corpora, tmp_path / "all", same_speakers=True)
+    names = [(clip.id, clip.recording) for clip in Corpus.open(tmp_path / "all").clips("train")]
+    assert names == [("one-a", "a-file"), ("b", "b-file"), ("two-a", "a-file")]
+
+
 def test_folders_of_one_name(corpora, tmp_path):
     (tmp_path / "other").mkdir()
     shutil.copytree(corpora[1], tmp_path / "other" / "one")

@@ -1,6 +1,7 @@
 """The page is whole in itself, shows what it promises, and takes no markup from a file."""
 
 import base64
+import collections
 import dataclasses
 import html.parser
 import io
@@ -10,9 +11,11 @@ import re
 import av
 import numpy as np
 import pytest
+from fixtures.corpora import make_clip, write_corpus
 
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.data.corpus_writer import CorpusWriter
+from ha2g_jax.data.recording import SplitReport
 from ha2g_jax.data.records import encode_clip
 from ha2g_jax.evaluation import corpus_report as report
 from ha2g_jax.features.text import Word
@@ -78,6 +81,19 @@ def corpus(tiny_talk, tmp_path_factory):
     dataset["splits"][EVIL] = dataset["splits"].pop("val")  # as no writer names a split
     (path / "dataset.json").write_text(json.dumps(dataset))
     return path
+
+
+@pytest.mark.parametrize("speakers", ["AAAB", "AAABBB", "ABCD"])
+def test_as_many_clips_as_there_are_are_shown(speakers, tmp_path):
+    clips = [make_clip(f"{number}", speaker=speaker) for number, speaker in enumerate(speakers)]
+    chosen = report._choose(Corpus.open(write_corpus(tmp_path / "corpus", {"train": clips})), 4)
+    assert len({index for _, index in chosen}) == 4
+
+
+def test_recordings_and_shots_that_were_left_out_are_no_clips():
+    rejected = collections.Counter({"too short": 1, "still": 3, "unusable recording": 5})
+    text = "".join(report._losses(SplitReport(clips=4, rejected=rejected)))
+    assert "kept</th><td>3</td><td>75.0%" in text and "still: 3, unusable recording: 5" in text
 
 
 @pytest.fixture(autouse=True)

@@ -61,9 +61,11 @@ def udp_target(address: Address) -> tuple[socket.socket, tuple]:
     try:
         found = socket.getaddrinfo(address.host, address.port, type=socket.SOCK_DGRAM)
         family, kind, protocol, _, target = min(found, key=lambda each: each[0] != socket.AF_INET)
-        return socket.socket(family, kind, protocol), target
+        made = socket.socket(family, kind, protocol)
     except (OSError, UnicodeError) as error:
         raise UserError(f"no host {shown(address.host)} for {shown(str(address))}; check the name") from error
+    made.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
+    return made, target
 
 
 @contextlib.contextmanager

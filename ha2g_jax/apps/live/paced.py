@@ -173,7 +173,7 @@ class _Voice:
 
     def take(self, count: int) -> np.ndarray:
         """Return the next samples, padded with silence if fewer wait."""
-        if not self._has_grown:
+        if not self._has_grown and sum(map(len, self._pieces)) < count:  # the end, or a pause
             self._end(self._rate)
         self._has_grown = False
         sound = np.concatenate(self._pieces)

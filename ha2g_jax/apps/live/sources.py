@@ -119,6 +119,8 @@ class Inbox:
         A piece is samples, a change from there on, None for the end of the sound, or an error that is raised there. A
         clear drops the samples that wait.
         """
+        if isinstance(content, np.ndarray) and not len(content):  # no sound, not even the beginning of some
+            return not self._is_closed
         while not self._is_closed:
             with self._lock:
                 if isinstance(content, Change) and content.clear:
@@ -226,8 +228,10 @@ class PipeSource:
     def _read(self, inbox: Inbox) -> None:
         decoder = Decoder(self._rate, self._channels)
         try:
-            while data := self._file.read(_PIECE):
-                if not inbox.put(decoder.decode(data)):
+            while (data := self._file.read(_PIECE)) != b"":
+                if data is None:  # nothing has come, in a pipe that does not block
+                    time.sleep(_POLL)
+                if not inbox.put(decoder.decode(data or b"")):
                     return
             inbox.put(decoder.decode(b"", is_last=True))
             inbox.put(None)

@@ -27,7 +27,7 @@ from tqdm import tqdm
 from ha2g_jax.apps.serve.app import create_app
 from ha2g_jax.apps.serve.service import Service
 from ha2g_jax.apps.serve.settings import Settings, bound, url
-from ha2g_jax.apps.serve.workers import Report
+from ha2g_jax.apps.serve.workers import Report, on_hangup
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.files.reading import reason
@@ -49,6 +49,7 @@ def run(checkpoint: str | pathlib.Path, settings: Settings) -> None:
     Raises:
         UserError: the model cannot be used, or the address is taken.
         KeyboardInterrupt: Ctrl-C, after the running requests.
+        SystemExit: the terminal was closed.
     """
     with (
         bound(settings.host, settings.port) as listener,
@@ -58,13 +59,16 @@ def run(checkpoint: str | pathlib.Path, settings: Settings) -> None:
             model = load(checkpoint)
             warm_up(model)
         service, was_interrupted = Service(model, settings, folder), False
+        server = Server(service)
         try:
-            Server(service).run(sockets=[listener])
+            server.run(sockets=[listener])
         except KeyboardInterrupt:  # uvicorn raises it when it has stopped
             was_interrupted = True
-    leave(service, 128 + signal.SIGINT if was_interrupted else 0)
+    leave(service, 128 + signal.SIGINT if was_interrupted else server.code)
     if was_interrupted:
         raise KeyboardInterrupt
+    if server.code:
+        raise SystemExit(server.code)
 
 
 def leave(service: Service, code: int = 0) -> None:
@@ -104,9 +108,11 @@ class Server(uvicorn.Server):
         super().__init__(config)
         logging.getLogger("uvicorn.error").addFilter(_is_error)
         self.service = service
+        self.code = 0  # exit code
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)
+        on_hangup(self._hang_up)
         self.service.counters.workers.set(1)
         if sockets:
             tqdm.write(f"ha2g: ready at {url(sockets[0])}", file=sys.stderr)
@@ -131,6 +137,10 @@ class Server(uvicorn.Server):
         if sig == signal.SIGINT:
             super().handle_exit(sig, frame)
         self.should_exit = True
+
+    def _hang_up(self) -> None:
+        self.should_exit = self.force_exit = True
+        self.code = 128 + signal.SIGHUP
 
 
 def main() -> int:

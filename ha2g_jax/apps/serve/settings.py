@@ -72,6 +72,8 @@ def check(settings: Settings) -> None:
     token = settings.token
     if token is not None and not (len(token) >= _MIN_TOKEN and token.isascii() and token.isprintable()):
         raise UserError(f"the token is too short, or not ASCII; give {_MIN_TOKEN} or more random characters")
+    if token is not None and token != token.strip():  # HTTP removes them from what a client sends
+        raise UserError("the token begins or ends with a space; leave it out")
     if token is None and not is_loopback(settings.host):
         raise UserError(f"other machines reach {settings.host}: give --token, or HA2G_TOKEN in the environment")
 

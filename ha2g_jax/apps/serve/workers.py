@@ -13,6 +13,7 @@ import signal
 import socket
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable
 from typing import NamedTuple, NoReturn
@@ -157,6 +158,7 @@ def run(checkpoint: str | pathlib.Path, settings: Settings) -> None:
     Raises:
         UserError: the model cannot be used, the address is taken, or a first worker has failed.
         KeyboardInterrupt: Ctrl-C, after the running requests.
+        SystemExit: the terminal was closed.
     """
     if not hasattr(socket, "send_fds"):
         raise UserError("this system cannot share connections among processes; leave out --workers")
@@ -167,6 +169,15 @@ def run(checkpoint: str | pathlib.Path, settings: Settings) -> None:
         number = asyncio.run(Workers(str(checkpoint), settings, listener, folder).run())
     if number == signal.SIGINT:
         raise KeyboardInterrupt
+    if number != signal.SIGTERM:
+        raise SystemExit(128 + number)
+
+
+def on_hangup(call: Callable[[], object]) -> None:
+    """Call a function of the running event loop when the terminal is closed, except under nohup and on Windows."""
+    is_main = threading.current_thread() is threading.main_thread()
+    if is_main and hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
+        asyncio.get_running_loop().add_signal_handler(signal.SIGHUP, call)
 
 
 def next_wait(wait: float, lasted: float) -> float:
@@ -202,12 +213,16 @@ class Workers:
         loop = asyncio.get_running_loop()
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, self._signals.put_nowait, number)
+        on_hangup(lambda: self._signals.put_nowait(signal.SIGHUP))
         keepers = [self._keep(is_first=number == 0) for number in range(self._settings.workers)]
         tasks = [asyncio.ensure_future(task) for task in (self._listen(), self._share(), *keepers)]
         stopped = asyncio.ensure_future(self._signals.get())
         try:
             done, _ = await asyncio.wait([stopped, *tasks], return_when=asyncio.FIRST_COMPLETED)
-            return done.pop().result()  # of the others, none ends but by an error
+            number = done.pop().result()  # of the others, none ends but by an error
+            if number not in (signal.SIGTERM, signal.SIGINT):
+                self._signal(signal.SIGKILL)
+            return number
         finally:
             self._listener.close()
             for task in (stopped, *tasks):

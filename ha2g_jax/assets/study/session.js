@@ -49,8 +49,9 @@ export function arrange(content, participant, randomization) {
   const blocks = kinds.map((kind) => randomization.shuffle(items.filter((item) => item.kind === kind)));
   const sides = new Map();
   for (const block of blocks) {
-    // Half of the pairs of a block are exchanged.
-    const exchanged = randomization.shuffle(block.map((_, index) => index % 2 === 1));
+    // Half of the pairs of a block are exchanged; of an odd number one more or one less, by chance.
+    const start = Math.random() < 0.5 ? 0 : 1;
+    const exchanged = randomization.shuffle(block.map((_, index) => index % 2 === start));
     block.forEach(({ id, pair }, index) => {
       if (pair) sides.set(id, exchanged[index] ? [pair[1], pair[0]] : [pair[0], pair[1]]);
     });

@@ -15,7 +15,7 @@ import tqdm
 
 from ha2g_jax.data import records
 from ha2g_jax.data.corpus import TALK, TALK_VERSION, corpus_folder
-from ha2g_jax.data.corpus_writer import MAX_FPS, MIN_FPS, CorpusWriter
+from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.processes import parallel_map
 from ha2g_jax.data.talk import backgrounds, grammar
 from ha2g_jax.data.talk.speakers import (
@@ -37,7 +37,7 @@ from ha2g_jax.features.espeak import Utterance
 from ha2g_jax.features.text import Word
 from ha2g_jax.files.cache import one_maker
 from ha2g_jax.files.reading import shown
-from ha2g_jax.limits import MAX_TALK_MINUTES, MAX_TALK_SPEAKERS
+from ha2g_jax.limits import MAX_FPS, MAX_TALK_MINUTES, MAX_TALK_SPEAKERS, MIN_FPS
 from ha2g_jax.progress import progress_bar
 
 FPS = 15

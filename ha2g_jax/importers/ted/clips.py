@@ -15,7 +15,6 @@ from ha2g_jax.features.text import Word
 from ha2g_jax.skeleton import Skeleton
 
 FPS = 15
-DAMAGED = "damaged"
 
 _FIELDS = ("words", "skeletons_3d", "audio_raw", "start_time", "end_time")
 _FRAME_RATES = (1.0, 1000.0)  # plausible frame rates of a video, which limit the length that a clip may declare
@@ -71,7 +70,7 @@ def read_clips(video: Any, skeleton: Skeleton, name: str) -> VideoClips:
         try:
             raw = _check(fields, skeleton, f"{name}, clip {index}")
         except _DamagedClipError as error:
-            report.rejected[DAMAGED] += 1
+            report.rejected[recording.DAMAGED] += 1
             damaged.append(f"{name}, clip {index}: {error}; left out")
             continue
         positions = resample(raw.poses, raw.end - raw.start)

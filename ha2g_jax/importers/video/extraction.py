@@ -140,7 +140,7 @@ def _read_shot(video: _Video, start: int, end: int, settings: VideoSettings) -> 
     times, confidence = video.times[start:end], video.poses.confidence[start:end]
     fps = 1 / _image_seconds(times)
     if len(times) < 2 or len(times) / fps <= settings.min_seconds:  # condition 3
-        return None, "too short"
+        return None, "shot too short"
     if not is_visible(confidence, settings.min_confidence, settings.min_visible):
         return None, "keypoints unseen"
     positions = keypoints.clean(

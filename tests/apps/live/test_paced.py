@@ -161,6 +161,20 @@ def test_sound_of_another_rate_has_its_length():
     assert abs(np.count_nonzero(stream.own) - len(SOUND)) < 0.001 * RATE
 
 
+def test_pieces_of_another_rate_are_those_of_one_while_sound_waits():
+    pieces = (2000 * np.sin(np.arange(24000) / 7)).astype("<i2").reshape(4, -1)
+
+    def heard(*parts):
+        def script(paced, number):
+            for part in parts[number // 4 : number // 4 + 1] if number % 4 == 0 else ():
+                paced.say(part.tobytes(), 24000)
+
+        return run(script, 1.4)[0].own
+
+    whole, cut = (sound[np.flatnonzero(sound)[0] :][:15000] for sound in (heard(pieces.ravel()), heard(*pieces)))
+    np.testing.assert_allclose(cut, whole, atol=1e-6)
+
+
 def test_a_piece_may_end_within_a_sample():
     def script(paced, number):
         if number == 3:

@@ -168,6 +168,7 @@ def test_a_host_with_addresses_of_both_kinds_is_reached_by_ipv4(monkeypatch):
     found = [(socket.AF_INET6, *kinds, ("::1", 9, 0, 0)), (socket.AF_INET, *kinds, ("127.0.0.1", 9))]
     monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: found)
     sender, target = udp_target(read_address("udp://localhost:9"))
+    assert sender.getsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST)
     with sender:
         assert sender.family == socket.AF_INET and target == ("127.0.0.1", 9)
 

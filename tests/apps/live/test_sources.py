@@ -7,6 +7,8 @@ import subprocess
 import sys
 import threading
 import time
+import types
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -121,6 +123,22 @@ def test_where_nothing_is_sent_silence_is_heard_and_the_clock_goes_on(clock):
     ends = [chunk.heard + len(chunk.samples) / 16000 for chunk in chunks]
     np.testing.assert_allclose([chunk.heard for chunk in chunks[1:]], ends[:-1])
     assert ends[-1] - 0.03 <= clock.now() <= ends[-1] + 0.03
+
+
+def test_empty_messages_are_no_sound(clock):
+    source = sources.Inbox(16000, clock)
+    heard = source.chunks(StopFlag())
+    for _ in range(50):
+        source.put(np.zeros(0, np.float32))
+        clock.time += 0.01
+        assert len(next(heard).samples)
+
+
+def test_a_pipe_that_does_not_block_is_heard_to_its_end(clock):
+    pieces = iter([b"\1\0" * 800, None, b"\1\0" * 800, b""])
+    file = types.SimpleNamespace(read=lambda count: next(pieces))
+    chunks = list(sources.PipeSource(16000, cast(Any, file)).chunks(clock, StopFlag()))
+    assert np.count_nonzero(joined(chunks)) == 1600
 
 
 def test_sound_after_a_pause_is_heard_when_it_arrives(clock):

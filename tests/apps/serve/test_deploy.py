@@ -1,11 +1,15 @@
 """The files of integrations/deploy/ fit the command and each other; neither Docker nor a cluster is needed."""
 
+import http.server
 import json
 import pathlib
 import re
 import shlex
+import threading
 import tomllib
+import urllib.error
 
+import pytest
 import yaml
 
 from ha2g_jax import cli
@@ -41,6 +45,16 @@ def test_probes_ask_the_route_that_needs_no_token():
     (port,) = CONTAINER["ports"]
     assert port == {"name": "http", "containerPort": parsed([]).port}
     assert SERVICE["spec"]["ports"][0]["targetPort"] == "http"
+
+
+def test_the_health_check_of_the_image_asks_past_a_proxy(monkeypatch):
+    (check,) = re.findall(r"^HEALTHCHECK .*\n +(\[.*\])$", DOCKERFILE, re.MULTILINE)
+    code = json.loads(check)[2]
+    monkeypatch.setenv("http_proxy", "http://127.0.0.1:9")
+    with http.server.HTTPServer(("127.0.0.1", 0), http.server.SimpleHTTPRequestHandler) as server:
+        threading.Thread(target=server.handle_request, daemon=True).start()
+        with pytest.raises(urllib.error.HTTPError, match="404"):  # answered, not by the proxy
+            exec(code.replace(":8000/", f":{server.server_port}/"), {})
 
 
 def test_a_pod_is_killed_only_after_the_grace():

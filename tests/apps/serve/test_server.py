@@ -22,6 +22,7 @@ def test_a_port_that_is_taken_is_one_line(capsys):
 BAD_SETTINGS = {
     "host": ({"host": "0.0.0.0"}, "other machines reach 0.0.0.0: give --token"),
     "short token": ({"token": "secret"}, "16 or more random characters"),
+    "space": ({"token": TOKEN + " "}, "begins or ends with a space"),
     "no scheme": ({"origins": ("example.org",)}, "'example.org' is not as browsers send it"),
     "path": ({"origins": ("https://example.org/",)}, "give it in the form https://example.org"),
     "capitals": ({"origins": ("https://Example.org",)}, "Example"),
@@ -80,6 +81,15 @@ def test_sigterm_lets_a_request_and_a_stream_finish(debug_folder):
             assert upload.recv(100).startswith(b"HTTP/1.1 200 ")
         assert len(frames) == last["count"] == 8
         assert process.stderr is not None and process.wait(30) == 0 and process.stderr.read() == ""
+
+
+def test_a_closed_terminal_ends_it_at_once(debug_folder):
+    with command(debug_folder) as (process, client), client.stream() as websocket:
+        begin(websocket)
+        process.send_signal(signal.SIGHUP)
+        _, code = closing(websocket)
+        assert code == 1012 and process.stderr is not None
+        assert process.wait(10) == 129 and process.stderr.read() == ""
 
 
 def test_after_the_grace_what_still_runs_is_ended(debug_model):

@@ -193,6 +193,13 @@ async function main() {
     await page.context().close();
   }
   const nameless = await open(browser, kept);
+  seen.left = await nameless.evaluate(async () => {
+    const { arrange } = await import("./session.js");
+    const { randomization } = jsPsychModule.initJsPsych();
+    const content = { study: "s", lists: [["i"]], items: [{ id: "i", kind: "preference", pair: ["a", "b"] }] };
+    const people = Array.from({ length: 200 }, (_, index) => `p${index}`);
+    return people.filter((name) => arrange(content, name, randomization).sides.get("i")[0] === "a").length;
+  });
   const anonymous = () => nameless.evaluate(() => study.participant);
   seen.anonymous = [await anonymous()];
   await nameless.reload();

@@ -114,6 +114,7 @@ def test_order_and_sides_are_those_of_the_participant(seen):
     for name in ("p1", "p2"):  # half of the pairs of each kind are exchanged
         sides = sessions[name]["sides"]
         assert sum(tuple(sides[item]) != pair for item, pair in pairs.items()) == len(pairs) / 2
+    assert 70 < seen["left"] < 130  # of 200, of one pair alone
 
 
 def test_a_participant_without_a_name_keeps_one(seen):

@@ -5,7 +5,7 @@ import pathlib
 from typing import Any
 
 import pytest
-from tables import paper_tables
+from tables import paper_tables, tables
 from tables.kept_runs import Kept
 from tables.plan import Request, TablePlan
 from tables.report import Results, all_numbers, as_markdown
@@ -186,3 +186,12 @@ def test_nearer_is_less_distance_on_either_side_of_the_truth():
 def test_noise_or_a_worse_fit_is_no_help_but_a_better_fit_is(jerks, fit, sentence):
     _, section = _gan([{"jerk_ratio": jerk} for jerk in jerks], [{"jerk_ratio": 0.5}] * 3, [fit] * 3)
     assert sentence in section
+
+
+def test_draws_of_no_pairs_or_of_no_diversity_have_no_range():
+    def verdict(*draws: float) -> str:
+        return tables.draws_verdict({"HA2G": {0: {"splits": {"val": {"draws": {"model": list(draws)}}}}}}, "val")
+
+    assert verdict().startswith("No two windows are of different recordings")
+    assert verdict(0.0, 0.0).startswith("All draws are the same")
+    assert verdict(1.0, 2.0).startswith("The widest range is 66.67%")

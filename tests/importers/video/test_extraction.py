@@ -54,7 +54,8 @@ def test_the_place_of_a_video_leaves_no_trace(extract, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("kind", "seconds", "reason"), [("still", 6, "still"), ("unseen", 6, "keypoints unseen"), ("wave", 5, "too short")]
+    ("kind", "seconds", "reason"),
+    [("still", 6, "still"), ("unseen", 6, "keypoints unseen"), ("wave", 5, "shot too short")],
 )
 def test_each_condition_rejects_and_is_counted(extract, tmp_path, kind, seconds, reason):
     extracted = extract(make_recording(tmp_path / "talk.mp4", seconds=seconds), kind)
