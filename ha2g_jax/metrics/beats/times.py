@@ -125,8 +125,8 @@ def audio_onsets(audio: np.ndarray, duration: float) -> np.ndarray:
 def speech_spans(audio: np.ndarray) -> np.ndarray:
     """Return start and end in seconds, (n, 2), of the stretches of speech of samples at 16 kHz; the rest are pauses.
 
-    Speech is everything within `SPEECH_MARGIN` of 20 ms of sound above `SPEECH_DB`, relative to the mean power weighted
-    by itself, which pauses do not change.
+    Speech is everything within `SPEECH_MARGIN` of the start of 20 ms above `SPEECH_DB`, relative to the mean power
+    weighted by itself, which pauses do not change.
     """
     blocks = np.asarray(audio[: len(audio) // _SPEECH_BLOCK * _SPEECH_BLOCK], np.float64).reshape(-1, _SPEECH_BLOCK)
     power = np.mean(np.square(blocks), axis=1)
