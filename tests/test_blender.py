@@ -1,5 +1,6 @@
 """The add-on reads what we write, finds any armature's bones, and moves them as we do."""
 
+import dataclasses
 import importlib
 import json
 import pathlib
@@ -20,6 +21,7 @@ from fixtures.motions import swaying
 from ha2g_jax.motion import rigs, rotations, solver
 from ha2g_jax.motion.armature import Animation, world
 from ha2g_jax.motion.formats import export
+from ha2g_jax.motion.lower_body import LowerBody
 from ha2g_jax.motion.readers import read_motion
 from ha2g_jax.motion.rigs import retarget
 
@@ -93,6 +95,20 @@ def test_the_body_of_a_glb_is_read_whole(addon, tmp_path):
     assert np.unique(body.faces).tolist() == list(range(len(body.points)))
     np.testing.assert_allclose(body.weights.sum(axis=1), 1, atol=1e-5)
     assert set(np.unique(body.materials)) == set(range(len(body.colours)))
+
+
+def test_a_body_is_at_its_bones_wherever_the_person_stands(addon, tmp_path):
+    legs = np.array([[0, 0, 0], [0.1, 0, 0], [0, -0.45, 0], [0, -0.42, 0], [0, -0.06, 0.12]])
+    legs = np.concatenate([legs, legs[1:] * [-1, 1, 1], [[0, 0.2, 0]]])
+    found = []
+    for start in ((0, 0.95, 0), (2, 0.95, -1)):
+        place = start + np.linspace(0, [0.1, 0, 0], 10)
+        lower = LowerBody(legs, np.tile([0.0, 0, 0, 1], (10, 9, 1)), place)
+        export(dataclasses.replace(swaying(frames=10), lower=lower), tmp_path / "m.glb")
+        read = addon.reading.read_motion(tmp_path / "m.glb")
+        found.append(read.body.points - read.places[0])
+    np.testing.assert_allclose(*found, atol=1e-5)
+    assert np.abs(found[0].mean(axis=0)).max() < 0.5
 
 
 @pytest.mark.parametrize(

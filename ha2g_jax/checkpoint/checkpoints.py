@@ -87,6 +87,12 @@ class Checkpoints:
             self._manager = self._manager or self._open()
             self._manager.save(step, args=args, force=True)  # without `force` Orbax skips some steps silently
 
+    def drop_after(self, step: int) -> None:
+        """Delete the checkpoints after a step, from which a run goes on; call it before the first `save`."""
+        for each in self.steps():
+            if each > step:
+                shutil.rmtree(self._folder / str(each))
+
     def wait(self) -> None:
         """Wait until the last checkpoint is on the disk.
 

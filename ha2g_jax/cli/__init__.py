@@ -116,7 +116,12 @@ def _run(argv: list[str], *, is_process: bool) -> int:
         where = "".join(f" {shown(name)}:" for name in (error.filename, error.filename2) if isinstance(name, str))
         print(f"ha2g:{where} {reason(error).lower()}", file=sys.stderr)
         return 2
-    except Exception:
+    except Exception as error:
+        # Named, as importing JAX for the type takes long.
+        if type(error).__name__ == "JaxRuntimeError" and "RESOURCE_EXHAUSTED" in str(error):
+            why = str(error).splitlines()[0]
+            print(f"ha2g: the memory of a device is too small ({why}); lower the batch size", file=sys.stderr)
+            return 2
         if trouble := _trouble_of_jax():
             print(f"ha2g: {trouble}", file=sys.stderr)
             return 2

@@ -47,7 +47,8 @@ def add_commands(commands: Any) -> None:
     doctor.add_argument(
         "--config",
         metavar="CONFIG",
-        help=f"{CONFIG} (default: the smallest model); --config.NAME=VALUE changes a setting, as in ha2g train",
+        help=f"{CONFIG} (default: talk:small; for a check of the machine, the smallest model); --config.NAME=VALUE "
+        "changes a setting, as in ha2g train",
     )
     kind = doctor.add_mutually_exclusive_group()
     kind.add_argument("--describe", action="store_true", help="print shapes and parameter counts of every module")

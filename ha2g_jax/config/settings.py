@@ -25,6 +25,7 @@ from ha2g_jax.limits import (
     MAX_WHISPER_LAYERS,
     MAX_WINDOW_FRAMES,
 )
+from ha2g_jax.skeleton import SKELETONS
 
 # An ml_collections.ConfigDict, whose settings have no types that a type checker could know.
 Config: TypeAlias = Any
@@ -61,7 +62,7 @@ SETTINGS = (
     Setting("name", "ha2g", TEXT, "name of the preset, which the progress bar shows"),
     Setting("method", "ha2g", TEXT, "name of the method, such as ha2g or trimodal"),
     Setting("seed", 0, whole(0, MAX_SEED), "seed of all random choices"),
-    Setting("skeleton", "", TEXT, "skeleton of the data, ted_expressive or ted_gesture"),
+    Setting("skeleton", "", one_of(*SKELETONS), "skeleton of the data"),
     Setting("data.path", "", TEXT, 'folder of records; "talk" builds the Talk corpus in the user\'s cache'),
     Setting("data.num_frames", 34, whole(MIN_FRAMES, MAX_WINDOW_FRAMES), "number of frames in a window, N"),
     Setting("data.num_seed_frames", 4, whole(1, MAX_WINDOW_FRAMES), "number of frames in the seed pose, M"),

@@ -25,7 +25,7 @@ from ha2g_jax.train.run_record import installed
 
 _STEPS = 5
 _SECONDS = 20.0  # no further step is timed after this time
-_LESS_MEMORY = "lower --config.train.batch_size or raise --config.train.accumulate"
+_LESS_MEMORY = "lower --config.train.batch_size or, for HA2G, raise --config.train.accumulate"
 
 _PACKAGES = ("ha2g-jax", "jax", "jaxlib", "flax", "optax", "orbax-checkpoint", "grain", "numpy")
 _CUDA_PLUGINS = ("jax-cuda12-plugin", "jax-cuda13-plugin")

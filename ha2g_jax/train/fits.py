@@ -88,10 +88,10 @@ def check_augmentation(config: Config, spec: Spec) -> None:
 
 
 def check_changes(config: Config, preset: Config) -> None:
-    """Check that the method reads each changed setting of the networks and of adversarial training.
+    """Check that each changed setting of the networks and of adversarial training has an effect on the method.
 
     Raises:
-        UserError: the method does not read one of them.
+        UserError: one of them has none.
     """
     names = [row.name for row in settings.table(config.method)]
     changed = {
@@ -109,7 +109,7 @@ def check_changes(config: Config, preset: Config) -> None:
         with contextlib.suppress(UserError):  # a change without which the networks are not possible is read
             unread += [name] if build(other, skeleton, 1, 1) == spec else []
     if unread:
-        raise UserError(f"{config.method} does not read config.{unread[0]} with these settings; leave it out")
+        raise UserError(f"config.{unread[0]} changes nothing of {config.method} with these settings; leave it out")
 
 
 def check_workdir(workdir: pathlib.Path, config: Config) -> None:

@@ -118,6 +118,11 @@ def pretrained(config: Config, spec: Spec, vocabulary: Vocabulary) -> dict[str, 
         UserError: a model or a file cannot be used, or does not fit the config.
     """
     text, audio = config.model.text, config.model.audio
+    if audio.weights and (audio.kind != "whisper" or config.train.init_from):
+        raise UserError(
+            "config.model.audio.weights is read only with --config.model.audio.kind=whisper and without "
+            "--config.train.init_from; leave it out"
+        )
     if source := config.train.init_from:
         if text.vectors:
             raise UserError(

@@ -119,7 +119,9 @@ def _train(
         state, record = found or (sharding.replicate(mesh, fresh()), {})
     if config.train.init_from and not found and hosts.is_first():
         tqdm.tqdm.write(f"training starts from the weights of {config.train.init_from}", file=sys.stderr)
-    step, best_score = int(state.step), record.get("best_score", math.inf) if best.steps() else math.inf
+    step, best_score = int(state.step), record.get("best_score", math.inf)
+    if not any(each <= step for each in best.steps()):
+        best_score = math.inf
     if step > num_steps:
         raise UserError(
             f"{shown(workdir)} is at step {step}, beyond config.train.steps, which is {num_steps}: set "
@@ -129,6 +131,7 @@ def _train(
     if hosts.is_first():
         if found:
             tqdm.tqdm.write(f"continuing at step {step} of {num_steps}", file=sys.stderr)
+        best.drop_after(step)
         model_folder.write_description(workdir, config, assets)
         run_record.write(workdir, config, step, corpus)
         held.enter_context(run_record.noting_failure(workdir))

@@ -65,7 +65,7 @@ def write_plot(
         raise UserError(f"{shown(runs[0].path)}{more} cannot be read ({why}); name other runs")
     width = smoothing * max(run.step for run in runs)
     # Fixed ids and no date, so that equal runs give equal files.
-    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "ha2g", "font.size": 9}):
+    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "ha2g", "font.size": 9, "text.parse_math": False}):
         figure = _draw(make_lines(runs), width)
         with whole_file(out) as temporary:
             if suffix in _PICTURES:
@@ -115,12 +115,12 @@ def _draw(lines: Sequence[Line], width: float) -> Any:
             if series:
                 style: Any = {"color": f"C{number % 10}", "gid": f"line-{number}"}
                 steps, means = align_seeds(series)
-                (handles[line.label],) = axes.plot(
-                    steps, np.nanmean(means, axis=0), ".-" if len(steps) == 1 else "-", **style
-                )
+                mean = np.mean(means, axis=0)  # NaN where not all seeds are
+                (handles[line.label],) = axes.plot(steps, mean, ".-" if len(steps) == 1 else "-", **style)
                 if len(series) > 1:
-                    least, greatest = np.nanmin(means, axis=0), np.nanmax(means, axis=0)
-                    axes.fill_between(steps, least, greatest, alpha=0.2, linewidth=0, **style)
+                    axes.fill_between(steps, means.min(axis=0), means.max(axis=0), alpha=0.2, linewidth=0, **style)
+                    rest = np.where(np.isnan(mean), means, np.nan)
+                    axes.plot(steps, rest.T, color=style["color"], linewidth=0.5)
         low, high = axes.dataLim.intervaly
         if low > 0 and high > _LOG_FROM * low:
             axes.set_yscale("log")

@@ -100,6 +100,14 @@ def test_the_last_ones_are_kept_and_none_is_written_twice(folder):
     assert sorted(path.name for path in folder.iterdir()) == ["3", "4"]
 
 
+def test_what_is_later_than_the_step_from_which_a_run_goes_on_is_written_again(folder):
+    with contextlib.closing(Checkpoints(folder, keep=2)) as checkpoints:
+        checkpoints.drop_after(2)
+        assert checkpoints.steps() == [2]
+        checkpoints.save(3, _state(9.0), {"batches": 9})
+    assert _restore(folder, _state(0.0))[1]["batches"] == 9
+
+
 def test_what_is_given_up_after_save_is_not_what_is_written(tmp_path):
     random = np.random.default_rng(0)
     many = {str(number): jnp.asarray(random.standard_normal(1_000_000, np.float32)) for number in range(10)}

@@ -11,11 +11,12 @@ import subprocess
 import sys
 import types
 
+import jax
 import numpy as np
 import pytest
 
 import ha2g_jax
-from ha2g_jax import cli
+from ha2g_jax import cli, launch
 from ha2g_jax.cli import generate
 from ha2g_jax.data.talk.speakers import default_styles
 from ha2g_jax.evaluation.speakers import speakers_as_table
@@ -72,6 +73,15 @@ def test_an_option_of_reading_that_has_no_effect_is_refused(tmp_path, capsys):
     own = str(tmp_path / "own.npz")
     assert cli.main(["evaluate", "--motion", own, "--speech", "x.wav", "--source-fps", "60"]) == 2
     assert "own.npz does not depend on --source-fps" in capsys.readouterr().err
+
+
+def test_a_device_without_memory_is_one_line(monkeypatch, capsys):
+    def fail(argv):
+        raise jax.errors.JaxRuntimeError("RESOURCE_EXHAUSTED: Out of memory allocating 7 bytes.")
+
+    monkeypatch.setattr(launch, "main", fail)
+    assert cli.main(["train"]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
 
 
 @pytest.mark.parametrize("name", COMMANDS)

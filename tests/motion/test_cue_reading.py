@@ -66,6 +66,15 @@ def test_the_beginning_of_a_subtitle_is_that_of_its_own_cues_alone(tmp_path):
     assert nod.time == 0 and 2 < (wave.time or 0) < 3
 
 
+def test_a_cue_after_the_last_word_stays_there_before_a_subtitle_of_cues_alone(tmp_path):
+    (tmp_path / "a.srt").write_text(
+        "1\n00:00:01,000 --> 00:00:03,000\nthat is all of them [nod]\n\n2\n00:00:03,000 --> 00:00:06,000\n[shrug]\n\n"
+        "3\n00:00:06,000 --> 00:00:07,000\nyes\n"
+    )
+    nod, shrug = sorted(reading.read_cues(tmp_path / "a.srt"), key=lambda cue: cue.name)
+    assert 2 < (nod.time or 0) < 3 and shrug.time == 3
+
+
 def test_a_cue_where_nothing_is_spoken_is_refused(tmp_path):
     (tmp_path / "a.srt").write_text("1\n00:00:01,000 --> 00:00:05,000\n[nod] one (quietly [wave] here) you\n")
     with pytest.raises(UserError, match=r"has the cue \[wave\] where nothing is spoken"):

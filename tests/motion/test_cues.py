@@ -116,13 +116,21 @@ def test_a_later_gesture_takes_over_its_limbs_and_leaves_the_others():
     np.testing.assert_allclose(heads[27:], made(Cue("shake", 1.8))[27:, bones("head")], atol=1e-6)
 
 
-def test_of_ten_gestures_in_a_second_the_last_is_whole():
-    names = ("stop", "count:1", "point:right", "wave", "thumb", "count:5", "small", "point:up", "open", "count:3")
+@pytest.mark.parametrize("last", ["count:3", "point:up"])
+def test_of_ten_gestures_in_a_second_the_last_is_whole(last):
+    names = ("stop", "count:1", "point:right", "wave", "thumb", "count:5", "small", "stop", "open", last)
     result = made(*(Cue(name, 1.0 + index / 10) for index, name in enumerate(names)))
     assert speeds(result).max() < cues.MAX_SPEED + 1e-3
-    [pose] = [poses[0] for poses in cues.keyframes(SKELETON, "count:3").poses.values()]
+    keys = cues.keyframes(SKELETON, last)
+    pose = keys.poses["right_arm"][keys.times.tolist().index(0.0)]
     np.testing.assert_allclose(result[28, bones("right_arm")], pose, atol=1e-5)
-    np.testing.assert_array_equal(result[50:], moving()[50:])
+    np.testing.assert_array_equal(result[52:], moving()[52:])
+
+
+def test_of_two_gestures_the_later_stroke_takes_the_limb_whichever_begins_first():
+    quick, slow = Cue("stop", 1.8), Cue("point:up", 2.0)
+    arm = bones("right_arm")
+    np.testing.assert_allclose(made(quick, slow)[30, arm], made(slow)[30, arm], atol=1e-5)
 
 
 @pytest.mark.parametrize("time", [None, 0.2, 1.4])

@@ -84,6 +84,13 @@ def start(vocabulary, spec):
     return weights.flatten(initial_variables("demo", spec, vocabulary))
 
 
+def test_weights_of_an_encoder_that_the_model_does_not_have_are_refused():
+    config = presets.sized("ted_expressive", "debug")
+    config.model.audio.weights = "whisper-tiny.en"
+    with pytest.raises(UserError, match=r"audio\.weights is read only with"):
+        inputs.pretrained(config, build(config, load_skeleton(config.skeleton), 2, 0), Vocabulary(()))
+
+
 def test_all_weights_are_those_of_the_model_and_words_keep_their_vectors():
     demo = model_folder.load("demo")
     known = demo.assets.vocabulary.words[5]

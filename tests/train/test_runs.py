@@ -215,8 +215,8 @@ def test_seeds_are_one_line_with_a_band(make_run, write):
 def test_gaps_and_single_rows_are_drawn_and_runs_without_metrics_are_said(make_run, write):
     rows = make_rows()
     rows[3]["loss/gan"] = float("nan")
-    page = write(make_run("_a", rows=rows), make_run("b", rows=rows[:1]), smoothing=0)
-    assert {"loss/gan", "_a", "b"} <= set(texts(page)) and "Curves are not smoothed" in page
+    page = write(make_run("_$a^$", rows=rows), make_run("b", rows=rows[:1]), smoothing=0)
+    assert {"loss/gan", "_$a^$", "b"} <= set(texts(page)) and "Curves are not smoothed" in page
     assert "No run has written metrics yet." in write(make_run("none", rows=[]))
 
 

@@ -49,6 +49,8 @@ class _Running:
         peak: number of the frame of its peak; None for as soon as possible.
         limbs: limbs that no later gesture has taken over.
         ramp: seconds from its beginning to its first keyframe; None while it waits.
+        rank: frame by which it is later than other gestures: its peak; of a clip of the whole body, its first pose. A
+            gesture as soon as possible is later than those that run.
         is_planned: whether the peak is final.
         rotations: last rotations from its pose to the motion, by limb, from which the next ones continue.
     """
@@ -57,6 +59,7 @@ class _Running:
     peak: int | None
     limbs: list[str]
     ramp: float | None = None
+    rank: float = 0.0
     is_planned: bool = False
     rotations: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
 
@@ -110,7 +113,7 @@ class RunningCues:
 
     def _next(self, motion: np.ndarray) -> np.ndarray:
         self._begin(motion)
-        running = [cue for cue in self._cues if cue.ramp is not None]
+        running = sorted((cue for cue in self._cues if cue.ramp is not None), key=lambda cue: cue.rank)
         frame = np.array(motion, np.float32)
         for index, cue in enumerate(running):
             if self._time(cue) >= 0:
@@ -143,6 +146,11 @@ class RunningCues:
             peak = soonest if cue.peak is None else cue.peak
             if self._last is not None and not cue.is_planned:
                 peak = max(peak, soonest)
+            if cue.peak is None:
+                cue.rank = max([peak, *(one.rank for one in running)])
+            elif not cue.is_planned:
+                is_clip = not cue.keys.turns and len(cue.keys.poses) == len(self._limbs)
+                cue.rank = peak + (cue.keys.times[0] * self._fps if is_clip else 0)
             cue.peak, cue.is_planned = peak, True
             if peak <= soonest:
                 left = (peak - self.frame + 1) / self._fps + first
@@ -156,7 +164,7 @@ class RunningCues:
         return float(max(ways, default=0.0))
 
     def _blend(self, frame: np.ndarray, cue: _Running, later: list[_Running]) -> None:
-        """Blend a gesture into a frame (bones, 3), under those that began later."""
+        """Blend a gesture into a frame (bones, 3), under later ones."""
         keys, weight = cue.keys, self._weight(cue)
         before, after, fraction = _place(keys.times, self._time(cue))
         for limb in cue.limbs if weight else ():

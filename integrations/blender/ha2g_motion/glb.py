@@ -1,5 +1,6 @@
 """Reader of GLB and VRMA files of `ha2g export`: one animation of the joints of one skin, without scale."""
 
+import dataclasses
 import json
 import pathlib
 import struct
@@ -83,7 +84,10 @@ def read(path: pathlib.Path) -> Motion:
     name = path.stem if top is None else nodes[top].get("name", path.stem)
     parents = tuple(order.get(above.get(node, -1), -1) for node in joints)
     names = tuple(nodes[node]["name"] for node in joints)
-    return from_local(name, names, parents, offsets, rest, rotated, root, float(fps), _body(file, order))
+    body = _body(file, order)
+    if body is not None:  # the root bone rests where it is in the first frame
+        body = dataclasses.replace(body, points=body.points + (root[0] - offsets[0]))
+    return from_local(name, names, parents, offsets, rest, rotated, root, float(fps), body)
 
 
 def humanoid(path: pathlib.Path) -> dict[str, str]:

@@ -21,6 +21,8 @@ interface Running {
   limbs: string[];
   /** Seconds from its beginning to its first keyframe; undefined while it waits. */
   ramp?: number;
+  /** Frame by which it is later than other gestures: its peak. One as soon as possible is later than those that run. */
+  rank: number;
   isPlanned: boolean;
   /** Last rotations from its pose to the motion, by limb, from which the next ones continue. */
   rotations: Map<string, Rotations>;
@@ -59,7 +61,7 @@ export class RunningCues {
     const keys = checkCue(this.description, name, time);
     const peak = time === undefined ? undefined : round(time * this.description.fps);
     const limbs = [...Object.keys(keys.poses), ...Object.keys(keys.turns)];
-    this.cues.push({ keys, peak, limbs, isPlanned: false, rotations: new Map() });
+    this.cues.push({ keys, peak, limbs, rank: 0, isPlanned: false, rotations: new Map() });
   }
 
   /** Returns the next frame (bones, 3) with gestures; without any, the same array. */
@@ -72,7 +74,7 @@ export class RunningCues {
 
   private next(motion: Float32Array): Float32Array {
     this.begin(motion);
-    const running = this.cues.filter((cue) => cue.ramp !== undefined);
+    const running = this.cues.filter((cue) => cue.ramp !== undefined).sort((one, other) => one.rank - other.rank);
     const frame = motion.slice();
     running.forEach((cue, index) => {
       if (this.time(cue) < 0) return;
@@ -100,8 +102,11 @@ export class RunningCues {
       const [start, first] = cue.keys.weight_times;
       const ramp = Math.max(first - start, (this.way(cue, present) * PEAK_SPEED) / MAX_SPEED);
       const soonest = this.frame - 1 + Math.ceil((ramp - first) * fps);
+      const isSoon = cue.peak === undefined;
       cue.peak ??= soonest;
       if (this.last && !cue.isPlanned) cue.peak = Math.max(cue.peak, soonest);
+      if (isSoon) cue.rank = Math.max(cue.peak, ...running.map(({ rank }) => rank));
+      else if (!cue.isPlanned) cue.rank = cue.peak;
       cue.isPlanned = true;
       if (cue.peak > soonest) continue;
       cue.ramp = this.last ? Math.max((cue.peak - this.frame + 1) / fps + first, 1 / fps) : ramp;
