@@ -108,7 +108,8 @@ plt.show()
 #
 # The suffix is the format: glTF for any viewer, BVH for animation programs, VRMA for VRM avatars, JSON and CSV for
 # your own. `rig` names the bones of the file. The solver finds joint rotations from the direction vectors; read back,
-# the BVH has the same directions (`docs/export.md`).
+# a BVH with the rig `ha2g` has the same directions; on the bones of Mixamo those of face and palm differ a little
+# (`docs/export.md`).
 
 # %%
 folder = pathlib.Path(tempfile.mkdtemp())

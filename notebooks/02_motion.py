@@ -93,18 +93,19 @@ for look_ahead in (3, 8):
     streams[look_ahead] = Motion.from_directions(stream.skeleton, np.array(frames), stream.fps), np.array(heard)
     late, computed = 1000 * (np.array(heard) - np.arange(final) / stream.fps), 1000 * np.median(seconds)
     print(
-        f"look-ahead {look_ahead}: {len(frames)} frames of {1000 / stream.fps:.0f} ms, each {computed:.0f} ms of a core"
+        f"look-ahead {look_ahead}: {len(frames)} frames of {1000 / stream.fps:.0f} ms, "
+        f"a run of two takes {computed:.0f} ms of a core"
     )
     print(
         f"  latency stated {1000 * stream.latency:.0f} ms, measured {late.mean():.0f} ms, at most {late.max():.0f} ms"
     )
 
 # %% [markdown]
-# On the left, the frames as they arrive: each step is a frame, and its distance from the dotted line, where a frame
-# would be shown at its own moment, is the latency. On the right, what is gained by it: the height of a wrist in the
-# streams beside that in the file, which has heard all of the speech. A beat begins before its syllable, so a stream
-# that hears only 3 frames ahead misses some of them, such as those near 7 s; with 8 frames the strokes are as large as
-# those of the file, and mostly at the same moments. `docs/live.md` has the scores.
+# On the left, the frames as they arrive: each step is a run of two frames, and its distance from the dotted line,
+# where a frame would be shown at its own moment, is the latency. On the right, what is gained by it: the height of a
+# wrist in the streams beside that in the file, which has heard all of the speech. A beat begins before its syllable,
+# so a stream that hears only 3 frames ahead misses some of them, such as those near 7 s; with 8 frames the strokes are
+# as large as those of the file, and mostly at the same moments. `docs/live.md` has the scores.
 
 # %%
 file = model.generate(speech, style=style)

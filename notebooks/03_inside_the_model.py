@@ -98,9 +98,10 @@ plt.show()
 print(f"chance: {1 / len(words):.1%}")
 
 # %% [markdown]
-# The own sound of a word is first more often than by chance for the highest level only. There is no red diagonal: the
-# demo was trained in several parts, and its text encoder is that of the first, which no longer fits f_high (see the
-# model card). `ha2g evaluate --data talk` has a second test, a linear probe on f_high for the class of a word.
+# The own sound of a word is first clearly more often than by chance for the highest level only: f_mid finds one word
+# more than chance. There is no red diagonal: the demo was trained in several parts, and its text encoder is that of the
+# first, which no longer fits f_high (see the model card). `ha2g evaluate --data talk` has a second test, a linear probe
+# on f_high for the class of a word.
 #
 # ## The style coordinator
 #

@@ -48,10 +48,10 @@ for name, split in corpus.metadata["splits"].items():
 # ## Train
 #
 # A config is a preset, DATA:SIZE, and changes of single settings (`ha2g train --help` lists all of them). These
-# two lines are the command
+# two lines are the command (`talk` alone, without `./`, is the default corpus)
 #
 # ```sh
-# ha2g train --config talk:debug --workdir run --config.data.path=talk --config.train.steps=120 ...
+# ha2g train --config talk:debug --workdir run --config.data.path=./talk --config.train.steps=120 ...
 # ```
 #
 # The identity of a speaker comes from a table here, `model.identity.kind=speakers`, which compiles faster than the
@@ -127,8 +127,8 @@ plt.show()
 
 # %% [markdown]
 # The new model rises and falls around the mean of the true motion; it shakes, and does not reach as far. The demo
-# reaches as far, in a take of its own: where the hands of a phrase are does not follow from the speech. Neither shows
-# the hand shapes of words, which take longer to learn.
+# reaches as far, in a take of its own: where the hands of a phrase are does not follow from the speech. The demo shows
+# the hand shape of most words that carry a gesture; the new model shows none, as they take longer to learn.
 
 # %%
 frames = np.array([20, 60, 100, 120])
@@ -150,7 +150,7 @@ plt.show()
 # |---|---|---|
 # | `talk:debug` | two cores | a minute: every part runs |
 # | `talk:small` | two cores | hours |
-# | `talk:medium` | a GPU | minutes: the size of the demo model, whose card has the command |
+# | `talk:medium` | a GPU | minutes: the size of the demo model, whose card has the command of its first part |
 # | `ted_expressive` (the paper) | a GPU | see `docs/performance.md` |
 #
 # The same command continues a run that was stopped (`docs/training.md`). `06_your_data` trains on your own

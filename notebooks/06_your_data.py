@@ -67,8 +67,8 @@ for path in sorted((folder / "recordings").rglob("*.*"))[:6]:
 # %% [markdown]
 # ## Look at one file first
 #
-# `read_motion` reads a file of any kind and says how it understood it. A new skeleton needs a joint map, a YAML file
-# with a line for each joint; Mixamo, ZeroEGGS, BEAT, GENEA and the exports of this package are known. Here the motion
+# `read_motion` reads a file of any kind and says how it understood it. A new skeleton needs a joint map, a JSON file
+# with an entry for each joint; Mixamo, ZeroEGGS, BEAT, GENEA and the exports of this package are known. Here the motion
 # that was exported is known too, so the import can be checked: the figure shows how far each bone is from the truth.
 
 # %%
@@ -167,5 +167,5 @@ for line in map(json.loads, (folder / "run" / "metrics.jsonl").read_text().split
 # ha2g train --config video:small --workdir run --config.data.path=corpus
 # ```
 #
-# From there on all is as above: `division`, `validation`, `statistics` and `train` read any corpus. The preset
+# From there on all is as above: `regroup`, `validation`, `statistics` and `train` read any corpus. The preset
 # `video` learns the identity of a speaker from the images that the corpus stores.
