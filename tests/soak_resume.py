@@ -58,6 +58,7 @@ def soak(data: pathlib.Path, folder: pathlib.Path, *, kills: int, steps: int, co
     rng = random.Random(0)
     moments = [(SAVING, STEPPING, STARTING)[number % 3] for number in range(kills)]
     rng.shuffle(moments)
+    num_killed = 0
     for number, moment in enumerate(moments):
         first, last = (max(1, round(steps * part / (kills + 1))) for part in (number, number + 1))
         target, before = rng.randint(first, min(last, steps - CHECKPOINT_EVERY)), _newest(broken)
@@ -66,12 +67,13 @@ def soak(data: pathlib.Path, folder: pathlib.Path, *, kills: int, steps: int, co
             process.kill()
             if process.wait() not in (0, -signal.SIGKILL):
                 raise SystemExit(f"the run failed:\n{_end(log)}")
+        num_killed += process.returncode == -signal.SIGKILL
         _say(
             f"kill {number + 1} of {kills}: {moment if process.returncode else 'too late'}, last line of step "
             f"{_last_step(broken)}; the run had gone on from step {before}, the next one does from {_newest(broken)}"
         )
     leave_alone(command(data, broken, steps, config), broken, log)
-    problems = differences(whole, broken)
+    problems = differences(whole, broken) if num_killed else ["the run was never killed"]
     for problem in problems:
         _say(problem)
     _say("FAILED" if problems else f"the same to the last bit after {kills} kills")

@@ -93,8 +93,8 @@ def report_as_table(report: Report) -> str:
             reason: "clip" if reason in OF_CLIPS else "recording" if reason == UNUSABLE else "shot"
             for reason in counts.rejected
         }
-        for reason, count in (counts.filtered + counts.rejected).items():
-            lines.append(f"  {counted(count, nouns[reason])} left out: {reason}")
+        for reason, count in [*counts.filtered.items(), *counts.rejected.items()]:
+            lines += [f"  {counted(count, nouns[reason])} left out: {reason}"] if count else []
     return "\n".join(lines)
 
 

@@ -84,7 +84,8 @@ def _page(runs: Sequence[Run], figure: Any, width: float) -> str:
         title=html.escape(f"Training of {runs[0].name}" if len(runs) == 1 else f"Training of {len(runs)} runs"),
         table=html.escape(as_table(runs)),
         note=f"{smooth}; validation scores are as measured. Runs whose configs differ only in the seed are one line: "
-        "the mean of the seeds, with a band from the least to the greatest of them.",
+        "the mean of the seeds, with a band from the least to the greatest of them, or thin "
+        "lines where not all have values.",
         picture=picture[picture.index("<svg") :],
     )
 
@@ -119,8 +120,11 @@ def _draw(lines: Sequence[Line], width: float) -> Any:
                 (handles[line.label],) = axes.plot(steps, mean, ".-" if len(steps) == 1 else "-", **style)
                 if len(series) > 1:
                     axes.fill_between(steps, means.min(axis=0), means.max(axis=0), alpha=0.2, linewidth=0, **style)
-                    rest = np.where(np.isnan(mean), means, np.nan)
-                    axes.plot(steps, rest.T, color=style["color"], linewidth=0.5)
+                    rest = np.isnan(mean)
+                    rest |= np.append(rest[1:], False) | np.append(False, rest[:-1])  # joined to the mean's ends
+                    mark = "." if min(len(at) for at, _ in series) == 1 else ""
+                    alone = np.where(rest, means, np.nan).T
+                    axes.plot(steps, alone, color=style["color"], linewidth=0.5, marker=mark)
         low, high = axes.dataLim.intervaly
         if low > 0 and high > _LOG_FROM * low:
             axes.set_yscale("log")

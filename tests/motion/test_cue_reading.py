@@ -75,6 +75,15 @@ def test_a_cue_after_the_last_word_stays_there_before_a_subtitle_of_cues_alone(t
     assert 2 < (nod.time or 0) < 3 and shrug.time == 3
 
 
+def test_a_cue_is_at_the_word_after_it_however_many_others_the_subtitle_has(tmp_path):
+    text = "1\n00:00:00,000 --> 00:00:08,000\nwe have seen it all {} so {} go {} on\n"
+    (tmp_path / "a.srt").write_text(text.format("[nod]", "[shrug]", "[wave]"))
+    (tmp_path / "plain.srt").write_text(text.format("", "", ""))
+    starts = {word.text: word.start for word in read_words(tmp_path / "plain.srt")}
+    found = {cue.name: cue.time for cue in reading.read_cues(tmp_path / "a.srt")}
+    assert found == {"nod": starts["so"], "shrug": starts["go"], "wave": starts["on"]}
+
+
 def test_a_cue_where_nothing_is_spoken_is_refused(tmp_path):
     (tmp_path / "a.srt").write_text("1\n00:00:01,000 --> 00:00:05,000\n[nod] one (quietly [wave] here) you\n")
     with pytest.raises(UserError, match=r"has the cue \[wave\] where nothing is spoken"):

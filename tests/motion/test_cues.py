@@ -133,6 +133,17 @@ def test_of_two_gestures_the_later_stroke_takes_the_limb_whichever_begins_first(
     np.testing.assert_allclose(made(quick, slow)[30, arm], made(slow)[30, arm], atol=1e-5)
 
 
+def test_a_timed_gesture_takes_the_limb_of_one_as_soon_as_possible():
+    running = RunningCues(SKELETON, FPS)
+    running.add(cues.keyframes(SKELETON, "point:up"), 40 / FPS)
+    before = running.apply(moving()[:30])
+    running.add(cues.keyframes(SKELETON, "count:1"))
+    running.add(cues.keyframes(SKELETON, "stop"), 38 / FPS)
+    result = np.concatenate([before, running.apply(moving()[30:])])
+    [pose] = [poses[0] for poses in cues.keyframes(SKELETON, "stop").poses.values()]
+    np.testing.assert_allclose(result[38, bones("right_arm")], pose, atol=1e-5)
+
+
 @pytest.mark.parametrize("time", [None, 0.2, 1.4])
 def test_a_gesture_that_is_late_is_made_as_soon_as_possible(time):
     running = RunningCues(SKELETON, FPS)

@@ -212,6 +212,14 @@ def test_seeds_are_one_line_with_a_band(make_run, write):
     assert "<b>a & b" not in page and "&lt;b&gt;a &amp; b" in page
 
 
+def test_seeds_that_share_one_step_are_seen(make_run, write):
+    rows = [row for row in make_rows() if "loss/huber" in row]
+    page = write(make_run("a", rows=rows[:1]), make_run("b", seed=1, rows=rows), smoothing=0)
+    assert page.count("<use") > write(make_run("c", rows=rows), make_run("d", seed=1, rows=rows), smoothing=0).count(
+        "<use"
+    )
+
+
 def test_gaps_and_single_rows_are_drawn_and_runs_without_metrics_are_said(make_run, write):
     rows = make_rows()
     rows[3]["loss/gan"] = float("nan")

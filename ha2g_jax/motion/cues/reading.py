@@ -108,9 +108,10 @@ def _of_subtitles(text: str, path: pathlib.Path, media: pathlib.Path | None) -> 
     for first, end in itertools.pairwise([0, *breaks, len(found)]):
         for index in range(first, end):
             if (text := found[index].text) in placeholders:
-                soon = found[index].end + _GAP  # beyond other subtitles that have only cues, a word may be far away
-                after = [place for place in range(index, end) if place in starts and starts[place] < soon]
-                near = after or [place for place in range(index, first - 1, -1) if place in starts]
+                near = [place for place in (*range(index, end), *range(index, first - 1, -1)) if place in starts]
+                # Beyond other subtitles, which have only cues, a word may be far away.
+                if near and any(found[index].end <= start <= found[near[0]].start for start, _, _ in alone):
+                    near = [place for place in near if place < index] or near
                 own = [start for start, end, cues in alone if text in cues and start <= found[index].start < end]
                 start = own[0] if own else starts[near[0]] if near else found[index].start
                 cues.append(Cue(markers[placeholders[text]], max(start - delay, 0.0)))

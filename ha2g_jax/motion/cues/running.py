@@ -49,8 +49,8 @@ class _Running:
         peak: number of the frame of its peak; None for as soon as possible.
         limbs: limbs that no later gesture has taken over.
         ramp: seconds from its beginning to its first keyframe; None while it waits.
-        rank: frame by which it is later than other gestures: its peak; of a clip of the whole body, its first pose. A
-            gesture as soon as possible is later than those that run.
+        rank: frame by which it is later than other gestures: its peak; of a clip of the whole body, its first pose.
+            When a gesture as soon as possible begins, those that run get no later rank than it has.
         is_planned: whether the peak is final.
         rotations: last rotations from its pose to the motion, by limb, from which the next ones continue.
     """
@@ -81,7 +81,7 @@ class RunningCues:
         self._fps, self._last, self.frame = fps, before, 0
         self._limbs = limbs(skeleton)
         self._bones = {limb: [bone for part in of_limb for bone in part.bones] for limb, of_limb in self._limbs.items()}
-        self._cues: list[_Running] = []  # those that run, in the order in which they began, and then those that wait
+        self._cues: list[_Running] = []  # those that run, by rank, and then those that wait
 
     def add(self, keys: Keyframes, time: float | None = None) -> None:
         """Add a gesture whose peak is at a time of the motion in seconds; None for as soon as possible."""
@@ -135,7 +135,7 @@ class RunningCues:
     def _begin(self, motion: np.ndarray) -> None:
         """Begin the gestures whose time has come."""
         present = motion if self._last is None else self._last
-        running = [cue for cue in self._cues if cue.ramp is not None]
+        running = sorted((cue for cue in self._cues if cue.ramp is not None), key=lambda cue: cue.rank)
         waiting = [cue for cue in self._cues if cue.ramp is None]
         for cue in waiting:
             if len(running) == MOST:  # the others begin as soon as possible
@@ -146,11 +146,12 @@ class RunningCues:
             peak = soonest if cue.peak is None else cue.peak
             if self._last is not None and not cue.is_planned:
                 peak = max(peak, soonest)
-            if cue.peak is None:
-                cue.rank = max([peak, *(one.rank for one in running)])
-            elif not cue.is_planned:
+            if not cue.is_planned:
                 is_clip = not cue.keys.turns and len(cue.keys.poses) == len(self._limbs)
                 cue.rank = peak + (cue.keys.times[0] * self._fps if is_clip else 0)
+            if cue.peak is None:
+                for one in running:
+                    one.rank = min(one.rank, cue.rank)
             cue.peak, cue.is_planned = peak, True
             if peak <= soonest:
                 left = (peak - self.frame + 1) / self._fps + first

@@ -51,6 +51,8 @@ def test_the_health_check_of_the_image_asks_past_a_proxy(monkeypatch):
     (check,) = re.findall(r"^HEALTHCHECK .*\n +(\[.*\])$", DOCKERFILE, re.MULTILINE)
     code = json.loads(check)[2]
     monkeypatch.setenv("http_proxy", "http://127.0.0.1:9")
+    for name in ("no_proxy", "NO_PROXY"):
+        monkeypatch.delenv(name, raising=False)
     with http.server.HTTPServer(("127.0.0.1", 0), http.server.SimpleHTTPRequestHandler) as server:
         threading.Thread(target=server.handle_request, daemon=True).start()
         with pytest.raises(urllib.error.HTTPError, match="404"):  # answered, not by the proxy

@@ -21,7 +21,7 @@ interface Running {
   limbs: string[];
   /** Seconds from its beginning to its first keyframe; undefined while it waits. */
   ramp?: number;
-  /** Frame by which it is later than other gestures: its peak. One as soon as possible is later than those that run. */
+  /** Frame by which it is later than other gestures: its peak, or that of one as soon as possible that began later. */
   rank: number;
   isPlanned: boolean;
   /** Last rotations from its pose to the motion, by limb, from which the next ones continue. */
@@ -96,7 +96,7 @@ export class RunningCues {
   private begin(motion: Float32Array): void {
     const { fps } = this.description;
     const present = this.last ?? motion;
-    const running = this.cues.filter((cue) => cue.ramp !== undefined);
+    const running = this.cues.filter((cue) => cue.ramp !== undefined).sort((one, other) => one.rank - other.rank);
     const waiting = this.cues.filter((cue) => cue.ramp === undefined);
     for (const cue of waiting) {
       const [start, first] = cue.keys.weight_times;
@@ -105,8 +105,8 @@ export class RunningCues {
       const isSoon = cue.peak === undefined;
       cue.peak ??= soonest;
       if (this.last && !cue.isPlanned) cue.peak = Math.max(cue.peak, soonest);
-      if (isSoon) cue.rank = Math.max(cue.peak, ...running.map(({ rank }) => rank));
-      else if (!cue.isPlanned) cue.rank = cue.peak;
+      if (!cue.isPlanned) cue.rank = cue.peak;
+      if (isSoon) for (const one of running) one.rank = Math.min(one.rank, cue.rank);
       cue.isPlanned = true;
       if (cue.peak > soonest) continue;
       cue.ramp = this.last ? Math.max((cue.peak - this.frame + 1) / fps + first, 1 / fps) : ramp;

@@ -38,6 +38,8 @@ STREAMS = (
         "piece": 1600,
         "options": {"seed": 3},
         "changes": {
+            2: {"cue": ["stop", 1.8]},
+            3: {"cue": ["point:up", 2.0]},  # begins before, and has the arm at last
             5: {"state": "think"},
             12: {"cue": ["wave", 2.5]},
             30: {"clear": []},
