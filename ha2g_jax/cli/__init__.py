@@ -121,7 +121,8 @@ def _run(argv: list[str], *, is_process: bool) -> int:
         if type(error).__name__ == "JaxRuntimeError" and "RESOURCE_EXHAUSTED" in str(error):
             why = str(error).splitlines()[0]
             print(
-                f"ha2g: the memory of a device is too small ({why}); lower the batch size or give less", file=sys.stderr
+                f"ha2g: the memory of a device is too small ({why}); lower the batch size or give shorter speech",
+                file=sys.stderr,
             )
             return 2
         if trouble := _trouble_of_jax():

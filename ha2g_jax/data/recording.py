@@ -89,13 +89,15 @@ def report_as_table(report: Report) -> str:
     lines = [f"{'split':<12}{'videos':>8}{'clips':>8}{'windows':>10}{'kept':>10}"]
     for split, counts in report.items():
         lines.append(f"{split:<12}{counts.videos:>8}{counts.clips:>8}{counts.windows:>10}{counts.kept:>10}")
-        nouns = dict.fromkeys(counts.filtered, "window") | {
-            reason: "clip" if reason in OF_CLIPS else "recording" if reason == UNUSABLE else "shot"
-            for reason in counts.rejected
-        }
-        for reason, count in [*counts.filtered.items(), *counts.rejected.items()]:
-            lines += [f"  {counted(count, nouns[reason])} left out: {reason}"] if count else []
+        left_out = [(counted(count, "window"), reason) for reason, count in counts.filtered.items() if count]
+        left_out += [(counted(count, _noun(reason)), reason) for reason, count in counts.rejected.items() if count]
+        lines += [f"  {number} left out: {reason}" for number, reason in left_out]
     return "\n".join(lines)
+
+
+def _noun(reason: str) -> str:
+    """Return what was rejected for a reason."""
+    return "clip" if reason in OF_CLIPS else "recording" if reason == UNUSABLE else "shot"
 
 
 def _sum(first: collections.Counter[str], second: collections.Counter[str]) -> collections.Counter[str]:

@@ -130,15 +130,13 @@ def test_empty_messages_are_no_sound(clock):
     heard = source.chunks(StopFlag())
     for _ in range(50):
         source.put(np.zeros(0, np.float32))
-        clock.time += 0.01
         assert len(next(heard).samples)
 
 
 def test_a_pipe_that_does_not_block_is_heard_to_its_end(clock):
     pieces = iter([b"\1\0" * 800, None, b"\1\0" * 800, b""])
-    file = types.SimpleNamespace(read=lambda count: next(pieces))
-    chunks = list(sources.PipeSource(16000, cast(Any, file)).chunks(clock, StopFlag()))
-    assert np.count_nonzero(joined(chunks)) == 1600
+    source = sources.PipeSource(16000, cast(Any, types.SimpleNamespace(read=lambda count: next(pieces))))
+    assert np.count_nonzero(joined(list(source.chunks(clock, StopFlag())))) == 1600
 
 
 def test_sound_after_a_pause_is_heard_when_it_arrives(clock):
