@@ -72,11 +72,21 @@ def test_motion_that_only_rests_in_the_pauses_gains_nothing_with_the_pauses_cut(
     assert chance["gain"]["value"] > 0.05
     assert abs(chance["speech_gain"]["value"]) < 2 * chance["speech_gain"]["error"]
     assert true["speech_gain"]["value"] > 0.3
+    assert true["speech_gain"]["value"] == pytest.approx(true["perfect_gain"]["value"], abs=0.1)
+    assert chance["perfect_gain"]["value"] > 0.2
+
+
+def test_strokes_with_perfect_timing_are_the_nearest_onsets_each_once():
+    onsets = np.array([0.5, 1.0, 3.0])
+    assert strokes.moved_to_onsets(np.array([0.7, 0.8, 1.1, 2.1]), onsets).tolist() == [0.5, 1.0, 3.0]
+    assert strokes.moved_to_onsets(np.zeros(0), onsets).tolist() == []
+    assert strokes.moved_to_onsets(onsets, np.zeros(0)).tolist() == []
 
 
 def test_silence_and_short_sound_are_undefined_not_wrong(audio):
     silent = score(np.zeros(20 * 16000, np.float32), wrists_that_hit(CLICKS[:-4]))
     assert silent["f"]["value"] is silent["gain"]["value"] is silent["speech_gain"]["value"] is None
+    assert silent["perfect_gain"]["value"] is None
     assert silent["strokes_per_second"]["value"] > 0
     short = score(audio[: 5 * 16000], wrists_that_hit(CLICKS[:-4]))
     assert short["f"]["value"] > 0 and short["gain"]["value"] is None

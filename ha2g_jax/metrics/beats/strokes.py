@@ -9,7 +9,7 @@ that of the same motion with mismatched speech, or with the sound rotated in tim
 import itertools
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -163,12 +163,14 @@ class RecordingRow(NamedTuple):
         sums: (segments, 1 + shifts, 4) `Kernels` of each segment, with the sound and with each shift of it; no segments
             without an onset.
         speech_sums: the same where the pauses are cut out of sound and motion before the sound is shifted.
+        perfect_sums: `speech_sums` of strokes that are moved to the nearest onset.
         seconds: length of the compared part.
         body: hands, trunk and head of the motion.
     """
 
     sums: np.ndarray
     speech_sums: np.ndarray
+    perfect_sums: np.ndarray
     num_onsets: int
     num_beats: int
     seconds: float
@@ -180,21 +182,31 @@ def recording_row(audio: np.ndarray, body: UpperBody, first_frame: int = 4) -> R
 
     The mismatched sound is the recording itself, rotated in time by 4, 6, 8, ... seconds: the rhythm is the same, the
     onsets are elsewhere. Motion that merely rests in the pauses has a gain over this; with the pauses cut out it has
-    none. Scoring starts at `first_frame`.
+    none. The gain of the same strokes, moved to the nearest onsets, is about the most that so many strokes can have.
+    Scoring starts at `first_frame`.
     """
     start, end = first_frame / body.fps, min(len(audio) / ONSET_RATE, len(body.wrists) / body.fps)
     audio = audio[: math.ceil(end * ONSET_RATE)]
     times = (audio_onsets(audio, end), stroke_beats(body.wrists, body.fps))
     onsets, moves = (x[(x >= start) & (x < end)] - start for x in times)
     spans = np.clip(speech_spans(audio) - start, 0, end - start)
+    speech, spoken = cut_pauses(onsets, spans), cut_pauses(moves, spans)
+    length = float(np.sum(spans[:, 1] - spans[:, 0]))
     return RecordingRow(
         _shifted_sums(onsets, moves, end - start),
-        _shifted_sums(cut_pauses(onsets, spans), cut_pauses(moves, spans), float(np.sum(spans[:, 1] - spans[:, 0]))),
+        _shifted_sums(speech, spoken, length),
+        _shifted_sums(speech, moved_to_onsets(spoken, speech), length),
         len(onsets),
         len(moves),
         end - start,
         body.cut(first_frame, round(end * body.fps)),
     )
+
+
+def moved_to_onsets(strokes: np.ndarray, onsets: np.ndarray) -> np.ndarray:
+    """Return the onsets (k,) that are nearest to the strokes (m,), each once, all in seconds: perfect timing."""
+    distances = np.abs(strokes[:, None] - onsets)
+    return onsets[np.unique(distances.argmin(axis=1))] if len(onsets) else onsets
 
 
 def _shifted_sums(onsets: np.ndarray, moves: np.ndarray, length: float) -> np.ndarray:
@@ -220,13 +232,16 @@ def _gain(sums: np.ndarray) -> float:
     return _own(sums) - _mismatched(sums)
 
 
-def _by_segment(statistic: Callable[[np.ndarray], float]) -> Callable[[RecordingRow], Estimate]:
+def _by_segment(
+    statistic: Callable[[np.ndarray], float], sums: Literal["sums", "speech_sums", "perfect_sums"] = "sums"
+) -> Callable[[RecordingRow], Estimate]:
     """Return a measure whose standard error is estimated over segments of 5 seconds."""
-    return lambda row: jackknife(row.sums, statistic, np.arange(len(row.sums)))
 
+    def measure(row: RecordingRow) -> Estimate:
+        values: np.ndarray = getattr(row, sums)
+        return jackknife(values, statistic, np.arange(len(values)))
 
-def _speech_gain(row: RecordingRow) -> Estimate:
-    return jackknife(row.speech_sums, _gain, np.arange(len(row.speech_sums)))
+    return measure
 
 
 def _metric(
@@ -237,7 +252,8 @@ def _metric(
 
 RECORDING_METRICS = (
     _metric("gain", "gain", "higher", 3, _by_segment(_gain)),
-    _metric("speech_gain", "gain, pauses cut", "higher", 3, _speech_gain),
+    _metric("speech_gain", "gain, pauses cut", "higher", 3, _by_segment(_gain, "speech_sums")),
+    _metric("perfect_gain", "with perfect timing", "none", 3, _by_segment(_gain, "perfect_sums")),
     _metric("f", "F", "higher", 3, _by_segment(_own)),
     _metric("f_mismatched", "F mismatched", "none", 3, _by_segment(_mismatched)),
     _metric("onsets_per_second", "onsets", "none", 2, lambda row: row.num_onsets / row.seconds, "/s"),
