@@ -109,6 +109,15 @@ MIN_FPS = 1
 MAX_FPS = 240
 """Highest frame rate of generated motion, and of a corpus."""
 
+MIN_MODEL_FPS = 15
+"""Lowest frame rate of a model, for which features and networks can be derived."""
+
+MAX_MODEL_FPS = 30
+"""Highest frame rate of a model, for the same reason."""
+
+MIN_WINDOW_FRAMES = 17
+"""Least number of frames in a window of a model, for the same reason."""
+
 MAX_MOTION_JOINTS = 1_000
 """Joints of a file of motion from another system."""
 

@@ -174,14 +174,18 @@ def directions_to_positions(skeleton: Skeleton, directions: Any) -> Any:
 
 def positions_to_directions(skeleton: Skeleton, positions: Any) -> Any:
     """Compute unit direction vectors (..., bones, 3) from joint positions (..., joints, 3)."""
-    parents, children = (list(ends) for ends in zip(*skeleton.bones, strict=True))
-    return normalize(positions[..., children, :] - positions[..., parents, :])
+    return normalize(_bone_vectors(skeleton, positions))
 
 
 def bone_lengths(skeleton: Skeleton, positions: Any) -> Any:
     """Compute the lengths (..., bones) of the bones of positions (..., joints, 3)."""
+    xp = positions.__array_namespace__()
+    return xp.linalg.vector_norm(_bone_vectors(skeleton, positions), axis=-1)
+
+
+def _bone_vectors(skeleton: Skeleton, positions: Any) -> Any:
     parents, children = (list(ends) for ends in zip(*skeleton.bones, strict=True))
-    return np.linalg.norm(positions[..., children, :] - positions[..., parents, :], axis=-1)
+    return positions[..., children, :] - positions[..., parents, :]
 
 
 def joint_angles(skeleton: Skeleton, directions: Any) -> Any:
@@ -194,7 +198,7 @@ def joint_angles(skeleton: Skeleton, directions: Any) -> Any:
     vectors = directions
     if skeleton.palms:
         first, second = (list(bones) for bones in zip(*skeleton.palms, strict=True))
-        normals = _cross(xp, directions[..., first, :], directions[..., second, :])
+        normals = _cross(directions[..., first, :], directions[..., second, :])
         vectors = xp.concat([directions, normals], axis=-2)
     vectors = normalize(vectors)
     first, second = (list(bones) for bones in zip(*skeleton.angle_pairs, strict=True))
@@ -202,7 +206,7 @@ def joint_angles(skeleton: Skeleton, directions: Any) -> Any:
     return xp.acos(xp.clip(cosine, -_MAX_COSINE, _MAX_COSINE))
 
 
-def _cross(xp: Any, a: Any, b: Any) -> Any:
+def _cross(a: Any, b: Any) -> Any:
     shift, shift_back = [1, 2, 0], [2, 0, 1]
     return a[..., shift] * b[..., shift_back] - a[..., shift_back] * b[..., shift]
 

@@ -111,7 +111,7 @@ def data_set():
     corpus = open_corpus(config)
     vocabulary = corpus.vocabulary()
     spec = build(config, corpus.skeleton, len(vocabulary), len(corpus.speakers_of("train")))
-    windows = open_windows(config, spec, corpus, vocabulary, "train")
+    windows = open_windows(config, spec, corpus, "train")
     assert isinstance(windows, Windows) and len(windows) >= 2
     example = windows[0]
     assert example["directions"].shape == (34, 42, 3) and example["mel"].shape == (128, 70)

@@ -158,7 +158,7 @@ class Checkpoints:
             return None
         path = self._path(step)
         _check_arrays(path, _read(path, "arrays"), _arrays_of(like))
-        with contextlib.closing(ocp.Checkpointer(ocp.StandardCheckpointHandler())) as checkpointer:
+        with ocp.Checkpointer(ocp.StandardCheckpointHandler()) as checkpointer:
             state = checkpointer.restore(path / "state", args=ocp.args.StandardRestore(like))
         return state, _read(path, "record")
 
@@ -248,7 +248,7 @@ def _read_variables(path: pathlib.Path, shapes: Any) -> dict[str, Any]:
     args = ocp.args.PyTreeRestore(
         item=like, restore_args=ocp.checkpoint_utils.construct_restore_args(like), partial_restore=True
     )
-    with contextlib.closing(ocp.Checkpointer(ocp.PyTreeCheckpointHandler())) as checkpointer:
+    with ocp.Checkpointer(ocp.PyTreeCheckpointHandler()) as checkpointer:
         found = checkpointer.restore(path / "state", args=args)
     return jax.tree.map(np.asarray, found[name])
 
@@ -259,10 +259,9 @@ def _read(path: pathlib.Path, item: str) -> dict[str, Any]:
 
 def _arrays_of(state: Any) -> dict[str, str]:
     """Return the type and shape of each array of a state, by name."""
-    leaves = jax.tree_util.tree_leaves_with_path(state)
     return {
         jax.tree_util.keystr(path, simple=True, separator="/"): f"{leaf.dtype}{list(leaf.shape)}"
-        for path, leaf in leaves
+        for path, leaf in jax.tree.leaves_with_path(state)
     }
 
 

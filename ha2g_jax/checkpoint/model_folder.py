@@ -234,7 +234,7 @@ def _settings_of_model(config: Config) -> Config:
     """Return the part of a config that the model is built from."""
     config = config.copy_and_resolve_references()
     config.unlock()
-    for part in ("loss", "train"):
+    for part in configs.TRAINING:
         if part in config:
             del config[part]
     return config

@@ -156,7 +156,7 @@ def _difference(first: LoadedModel, second: LoadedModel) -> str:
     if first.spec.skeleton.bones != second.spec.skeleton.bones:
         return f"the skeleton, {first.spec.skeleton.name} and {second.spec.skeleton.name}"
     settings = [_settings(model) for model in (first, second)]
-    for name in settings[0].keys() | settings[1].keys():
+    for name in settings[0] | settings[1]:
         if settings[0].get(name) != settings[1].get(name):
             return f"model.{name}, {settings[0].get(name)} and {settings[1].get(name)}"
     shapes = [{name: it.shape for name, it in _with_words_of(first, model).items()} for model in (second, first)]

@@ -18,20 +18,20 @@ from ha2g_jax.limits import (
     MAX_CHANNELS,
     MAX_IMAGE_SIZE,
     MAX_LAYERS,
+    MAX_MODEL_FPS,
     MAX_REFERENCE_IMAGES,
     MAX_SEED,
     MAX_SETTING,
     MAX_TEXT_LAYERS,
     MAX_WHISPER_LAYERS,
     MAX_WINDOW_FRAMES,
+    MIN_MODEL_FPS,
+    MIN_WINDOW_FRAMES,
 )
 from ha2g_jax.skeleton import SKELETONS
 
 # An ml_collections.ConfigDict, whose settings have no types that a type checker could know.
 Config: TypeAlias = Any
-
-MIN_FPS, MAX_FPS = 15, 30  # frames per second that features and networks can be derived for
-MIN_FRAMES = 17  # least number of frames in a window, for the same reason
 
 
 class Setting(NamedTuple):
@@ -64,12 +64,12 @@ SETTINGS = (
     Setting("seed", 0, whole(0, MAX_SEED), "seed of all random choices"),
     Setting("skeleton", "", one_of(*SKELETONS), "skeleton of the data"),
     Setting("data.path", "", TEXT, 'folder of records; "talk" builds the Talk corpus in the user\'s cache'),
-    Setting("data.num_frames", 34, whole(MIN_FRAMES, MAX_WINDOW_FRAMES), "number of frames in a window, N"),
+    Setting("data.num_frames", 34, whole(MIN_WINDOW_FRAMES, MAX_WINDOW_FRAMES), "number of frames in a window, N"),
     Setting("data.num_seed_frames", 4, whole(1, MAX_WINDOW_FRAMES), "number of frames in the seed pose, M"),
     Setting(
         "data.num_reference_images", 4, whole(1, MAX_REFERENCE_IMAGES), "number of images of a speaker; M in the paper"
     ),
-    Setting("data.fps", 15, whole(MIN_FPS, MAX_FPS), "frames per second"),
+    Setting("data.fps", 15, whole(MIN_MODEL_FPS, MAX_MODEL_FPS), "frames per second"),
     Setting("data.image_size", 224, whole(1, MAX_IMAGE_SIZE), "height and width of the images in pixels"),
     Setting("data.jitter", 0, _COUNT, "maximum random delay of the start of a training window, in frames"),
     Setting("data.mirror", 0.0, _FRACTION, "fraction of windows mirrored left to right, with another identity"),
@@ -361,10 +361,10 @@ def check_fps(fps: float, name: str) -> None:
     Raises:
         UserError: the rate is not a whole number from 15 to 30.
     """
-    if fps not in range(MIN_FPS, MAX_FPS + 1):
+    if fps not in range(MIN_MODEL_FPS, MAX_MODEL_FPS + 1):
         raise UserError(
-            f"{name} is {fps:g}, expected a whole number from {MIN_FPS} to {MAX_FPS}: make the corpus at such a rate "
-            "(--fps of ha2g data make-talk and import) and set --config.data.fps to it"
+            f"{name} is {fps:g}, expected a whole number from {MIN_MODEL_FPS} to {MAX_MODEL_FPS}: make the corpus at "
+            "such a rate (--fps of ha2g data make-talk and import) and set --config.data.fps to it"
         )
 
 

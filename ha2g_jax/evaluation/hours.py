@@ -45,7 +45,7 @@ def predict(config: Config, steps: int) -> tuple[RunTime, float]:
     seconds = step.median(steps)
     windows, test = _SEGMENTS[config.skeleton] // 10, _HOURS[config.skeleton] / 10
     if corpus is not None:
-        held_out = inputs.open_validation(config, step.objective.spec, corpus, corpus.vocabulary())
+        held_out = inputs.open_validation(config, step.objective.spec, corpus)
         windows, test = 0 if held_out is None else len(held_out), _hours_of_test(corpus)
     size = min(config.train.batch_size, windows)
     compiling, batch = step.validate() if size else (0.0, 0.0)

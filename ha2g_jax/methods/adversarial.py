@@ -1,7 +1,5 @@
 """The adversary: the discriminator of HA2G and Trimodal (Table 8), and the losses of both players (Eq. 6)."""
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 from flax import linen as nn
@@ -10,8 +8,6 @@ from ha2g_jax.layers import initializers
 from ha2g_jax.layers.conv import BatchNorm
 from ha2g_jax.layers.gru import BiGRU
 from ha2g_jax.layers.linear import Linear
-from ha2g_jax.methods.method import FLOAT32, Compute, Spec, Variables
-from ha2g_jax.methods.networks import apply
 
 
 class Discriminator(nn.Module):
@@ -44,19 +40,6 @@ class Discriminator(nn.Module):
 
 def _conv(channels: int, *, name: str) -> nn.Conv:
     return nn.Conv(channels, (3,), padding="VALID", kernel_init=initializers.LINEAR, name=name)
-
-
-def discriminate(
-    spec: Spec,
-    variables: Variables,
-    poses: jax.Array,
-    key: jax.Array,
-    *,
-    train: bool = True,
-    compute: Compute = FLOAT32,
-) -> tuple[jax.Array, Any]:
-    """Return logits (B, ...) of poses (B, N, pose_dim), and the batch statistics after this pass."""
-    return apply(spec.discriminator, variables, key, poses, train=train, compute=compute)
 
 
 def gan_generator(fake_logits: jax.Array, *, kind: str = "non_saturating") -> jax.Array:

@@ -21,7 +21,7 @@ from ha2g_jax.progress import counted, stage, track
 from ha2g_jax.train import inputs
 from ha2g_jax.train.fits import check_augmentation, check_machine
 from ha2g_jax.train.measure import TimedStep, gib
-from ha2g_jax.train.run_record import installed
+from ha2g_jax.train.run_record import host_memory, installed
 
 _STEPS = 5
 _SECONDS = 20.0  # no further step is timed after this time
@@ -31,9 +31,6 @@ _PACKAGES = ("ha2g-jax", "jax", "jaxlib", "flax", "optax", "orbax-checkpoint", "
 _CUDA_PLUGINS = ("jax-cuda12-plugin", "jax-cuda13-plugin")
 # Files by which JAX itself detects a GPU: those of a driver, of a container and of WSL.
 _GPU_FILES = ("/dev/nvidia0", "/dev/nvidiactl", "/dev/dxg")
-
-_MEMORY = pathlib.Path("/proc/meminfo")
-_CONTAINER = pathlib.Path("/sys/fs/cgroup")
 
 
 class Finding(NamedTuple):
@@ -90,25 +87,6 @@ def is_well(findings: list[Finding]) -> bool:
 def examine_machine() -> list[Finding]:
     """Check Python and packages, devices, cores and memory."""
     return [_python(), _packages(), _devices(), _host()]
-
-
-def host_memory() -> tuple[int | None, int | None]:
-    """Return the total and the available memory in bytes, within the limit of a container; None if unknown."""
-    total, available = None, None
-    if _MEMORY.exists():
-        lines = (line.split() for line in _MEMORY.read_text().splitlines())
-        sizes = {line[0]: int(line[1]) * 1024 for line in lines}
-        total, available = sizes["MemTotal:"], sizes["MemAvailable:"]
-    elif {"SC_PAGE_SIZE", "SC_PHYS_PAGES"} <= getattr(os, "sysconf_names", {}).keys():
-        total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    files = [_CONTAINER / f"memory.{name}" for name in ("max", "current", "stat")]
-    if total and available and all(map(pathlib.Path.exists, files)):
-        size, used, parts = (file.read_text().strip() for file in files)
-        if size != "max":
-            # The page cache counts as used, but is dropped when the memory is needed.
-            cached = next(int(line.split()[1]) for line in parts.splitlines() if line.startswith("inactive_file "))
-            total, available = min(total, int(size)), min(available, int(size) - int(used) + cached)
-    return total, available
 
 
 def _python() -> Finding:
@@ -219,8 +197,8 @@ def _split(config: Config, corpus: Corpus, split: str) -> Finding:
             if split == TRAIN:
                 check_augmentation(config, spec)
                 inputs.pretrained(config, spec, vocabulary)
-                values["windows"] = len(inputs.open_windows(config, spec, corpus, vocabulary, split))
-            elif windows := inputs.open_validation(config, spec, corpus, vocabulary):
+                values["windows"] = len(inputs.open_windows(config, spec, corpus, split))
+            elif windows := inputs.open_validation(config, spec, corpus):
                 values["windows"] = len(windows)
     except UserError as error:
         return Finding("data", split, str(error), values)

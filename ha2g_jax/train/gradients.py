@@ -117,7 +117,7 @@ def _build(config: Config, corpus: Corpus) -> Objective:
 def _measure(config: Config, corpus: Corpus, trained: tuple[str, dict[str, Any]] | None) -> dict[str, Any]:
     """Return the fields of `TermGradients` for a new generator, or for that of (name, variables)."""
     objective, vocabulary = _build(config, corpus), corpus.vocabulary()
-    windows = inputs.open_windows(config, objective.spec, corpus, vocabulary, TRAIN)
+    windows = inputs.open_windows(config, objective.spec, corpus, TRAIN)
     with contextlib.closing(inputs.training_batches(config, windows, 0)) as batches:
         batch = next(batches)
     init_key, key = jax.random.split(jax.random.key(config.seed))  # as a run does

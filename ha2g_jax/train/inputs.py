@@ -47,7 +47,7 @@ def open_corpus(config: Config) -> Corpus:
     return corpus
 
 
-def open_windows(config: Config, spec: Spec, corpus: Corpus, vocabulary: Vocabulary, split: str) -> Windows:
+def open_windows(config: Config, spec: Spec, corpus: Corpus, split: str) -> Windows:
     """Return the windows of a split in the shapes that a model takes; the words are those of the training split.
 
     A model with a table of speakers has rows for the speakers of the training split only, so that clips of other
@@ -59,7 +59,7 @@ def open_windows(config: Config, spec: Spec, corpus: Corpus, vocabulary: Vocabul
     return Windows(
         corpus,
         split,
-        vocabulary,
+        corpus.vocabulary(),
         num_frames=spec.num_frames,
         inputs=spec.training_inputs,
         num_reference_images=spec.num_reference_images,
@@ -69,7 +69,7 @@ def open_windows(config: Config, spec: Spec, corpus: Corpus, vocabulary: Vocabul
     )
 
 
-def open_validation(config: Config, spec: Spec, corpus: Corpus, vocabulary: Vocabulary) -> Windows | None:
+def open_validation(config: Config, spec: Spec, corpus: Corpus) -> Windows | None:
     """Return the windows of the validation split, None if the corpus has none that the model can use.
 
     Raises:
@@ -78,7 +78,7 @@ def open_validation(config: Config, spec: Spec, corpus: Corpus, vocabulary: Voca
     if not corpus.has_clips(VALIDATION):
         return None
     try:
-        return open_windows(config, spec, corpus, vocabulary, VALIDATION)
+        return open_windows(config, spec, corpus, VALIDATION)
     except NoWindow:
         return None
 

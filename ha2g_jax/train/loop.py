@@ -89,9 +89,9 @@ def _train(
     latest = Checkpoints(workdir / LATEST, keep=config.train.keep)
     # A checkpoint has these weights already, and their files may be gone.
     pretrained = {} if latest.steps() else inputs.pretrained(config, spec, vocabulary)
-    windows = inputs.open_windows(config, spec, corpus, vocabulary, TRAIN)
+    windows = inputs.open_windows(config, spec, corpus, TRAIN)
     check_batch(config.train.batch_size, windows)
-    held_out = inputs.open_validation(config, spec, corpus, vocabulary)
+    held_out = inputs.open_validation(config, spec, corpus)
     if held_out is None and hosts.is_first():
         tqdm.tqdm.write(
             f"{corpus.path} has no split {inputs.VALIDATION!r} that this model can use, so there will be no best "

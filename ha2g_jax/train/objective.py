@@ -34,9 +34,9 @@ class Objective:
         weights: weight of each term of the loss, `Method.Terms`.
         settings: settings of the terms, as `Method.terms` takes them.
         gan: kind of the adversarial loss; "" for a method without a discriminator.
-        generator_optimizer, discriminator_optimizer: Adam, after clipping of the gradient's norm; their `update` takes
-            `step=`.
-        generator_rate, discriminator_rate: learning rate as a function of the step.
+        optimizer: Adam of either network, after clipping of the gradient's norm, without the learning rate.
+        generator_rate, discriminator_rate: learning rate as a function of the step of the run, not of the updates: the
+            discriminator is first updated after the warm-up, but its rate falls together with that of the generator.
         warmup_steps: steps before the GAN term is used (D9); 0 from `build_objective`, which knows no epochs.
         average_decay: largest decay of the running average of the generator in a step; 0 for no average.
         compute: precision of the activations, number of parts of a batch, and whether oneDNN is used.
@@ -46,8 +46,7 @@ class Objective:
     weights: Any
     settings: Any
     gan: str
-    generator_optimizer: optax.GradientTransformation
-    discriminator_optimizer: optax.GradientTransformation
+    optimizer: optax.GradientTransformation
     generator_rate: optax.Schedule
     discriminator_rate: optax.Schedule
     warmup_steps: int
@@ -86,8 +85,6 @@ def build_objective(
             "set --config.train.accumulate=1"
         )
     loss = config.loss[config.method]
-    generator_rate = learning_rate(train.schedule, train.learning_rate, train.steps)
-    discriminator_rate = learning_rate(train.schedule, train.discriminator_learning_rate, train.steps)
     own = {name: value for name, value in loss.items() if name not in _COMMON_LOSS_SETTINGS}
     own |= {name: tuple(value) for name, value in own.items() if isinstance(value, list)}  # hashable
     return Objective(
@@ -95,10 +92,9 @@ def build_objective(
         weights=method.Terms(**{name: float(weight) for name, weight in loss.weights.items()}),
         settings=method.LossSettings(**own),
         gan=loss.get("gan", ""),
-        generator_optimizer=adam(generator_rate, tuple(train.betas), train.clip_norm),
-        discriminator_optimizer=adam(discriminator_rate, tuple(train.betas), train.clip_norm),
-        generator_rate=generator_rate,
-        discriminator_rate=discriminator_rate,
+        optimizer=adam(tuple(train.betas), train.clip_norm),
+        generator_rate=learning_rate(train.schedule, train.learning_rate, train.steps),
+        discriminator_rate=learning_rate(train.schedule, train.discriminator_learning_rate, train.steps),
         warmup_steps=0,
         average_decay=train.ema,
         compute=Compute(jnp.dtype(train.dtype), train.accumulate, is_available() if onednn is None else onednn),
@@ -112,25 +108,15 @@ def learning_rate(schedule: str, start: float, num_steps: int) -> optax.Schedule
 
 
 @functools.cache
-def adam(
-    rate: optax.Schedule, betas: tuple[float, float], clip_norm: float = 0.0
-) -> optax.GradientTransformationExtraArgs:
-    """Return Adam, whose `update` takes `step=`, the step of the run.
+def adam(betas: tuple[float, float], clip_norm: float = 0.0) -> optax.GradientTransformation:
+    """Return Adam with learning rate 1.
 
-    The optimiser's own count of updates is not used for the schedule, because the discriminator is first updated after
-    the warm-up while its learning rate falls together with that of the generator. Gradients whose norm is larger than
-    `clip_norm` are scaled down to it; 0 is no limit.
+    Gradients whose norm is larger than `clip_norm` are scaled down to it; 0 is no limit.
     """
-
-    def descend(updates: Any, state: Any, params: Any = None, **extra: Any) -> tuple[Any, Any]:
-        del params
-        factor = -jnp.asarray(rate(extra["step"]))
-        return jax.tree.map(lambda update: factor * update, updates), state
-
     return optax.chain(
         optax.clip_by_global_norm(clip_norm) if clip_norm else optax.identity(),
         optax.scale_by_adam(b1=betas[0], b2=betas[1]),
-        optax.GradientTransformationExtraArgs(lambda params: optax.EmptyState(), descend),
+        optax.scale(-1.0),
     )
 
 
@@ -144,12 +130,12 @@ def init_state(objective: Objective, key: jax.Array, pretrained: Mapping[str, An
     generator_key, discriminator_key = jax.random.split(key)
     arguments = method_of(spec).init_arguments(spec, example_batch(spec))
     variables = spec.generator.init(generator_key, *arguments, train=False)
-    generator = _network(merge(variables, pretrained or {}), objective.generator_optimizer)
+    generator = _network(merge(variables, pretrained or {}), objective.optimizer)
     discriminator = None
     if spec.discriminator is not None:
         poses = jnp.zeros((1, spec.num_frames, spec.skeleton.pose_dim), jnp.float32)
         variables = spec.discriminator.init(discriminator_key, poses, train=False)
-        discriminator = _network(variables, objective.discriminator_optimizer)
+        discriminator = _network(variables, objective.optimizer)
     return TrainState(
         step=jnp.zeros((), jnp.int32),
         generator=generator,

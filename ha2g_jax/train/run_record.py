@@ -31,6 +31,8 @@ from ha2g_jax.train.workdir import CONTINUE
 _PACKAGES = ("ha2g-jax", "jax", "jaxlib", "flax", "optax", "orbax-checkpoint", "grain", "array-record")
 _PACKAGES += ("ml-collections", "numpy", "scipy", "librosa", "soxr", "soundfile", "av", "pillow", "safetensors")
 
+_MEMORY = pathlib.Path("/proc/meminfo")
+_CONTAINER = pathlib.Path("/sys/fs/cgroup")
 _SOURCE = pathlib.Path(__file__).resolve().parent.parent
 _GIT_PATIENCE = 5.0  # seconds
 _CODE = ("--", ".", ":(top)*.py")  # the package, and scripts; a study adds to its kept runs while it runs
@@ -133,15 +135,33 @@ def installed(packages: Sequence[str]) -> dict[str, str]:
     return versions
 
 
+def host_memory() -> tuple[int | None, int | None]:
+    """Return the total and the available memory in bytes, within the limit of a container; None if unknown."""
+    total, available = None, None
+    if _MEMORY.exists():
+        lines = (line.split() for line in _MEMORY.read_text().splitlines())
+        sizes = {line[0]: int(line[1]) * 1024 for line in lines}
+        total, available = sizes["MemTotal:"], sizes["MemAvailable:"]
+    elif {"SC_PAGE_SIZE", "SC_PHYS_PAGES"} <= getattr(os, "sysconf_names", {}).keys():
+        total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    files = [_CONTAINER / f"memory.{name}" for name in ("max", "current", "stat")]
+    if total and available and all(map(pathlib.Path.exists, files)):
+        size, used, parts = (file.read_text().strip() for file in files)
+        if size != "max":
+            # The page cache counts as used, but is dropped when the memory is needed.
+            cached = next(int(line.split()[1]) for line in parts.splitlines() if line.startswith("inactive_file "))
+            total, available = min(total, int(size)), min(available, int(size) - int(used) + cached)
+    return total, available
+
+
 def _hardware() -> dict[str, Any]:
     """Return the devices of all hosts by kind, the number of processes, and the cores and memory (GiB) of this host."""
-    has_memory = {"SC_PAGE_SIZE", "SC_PHYS_PAGES"} <= getattr(os, "sysconf_names", {}).keys()
-    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30 if has_memory else None
+    memory, _ = host_memory()
     return {
         "devices": dict(Counter(device.device_kind for device in jax.devices())),
         "processes": jax.process_count(),
         "cpus": os.cpu_count(),
-        "memory_gib": memory and round(memory, 1),
+        "memory_gib": memory and round(memory / 2**30, 1),
     }
 
 

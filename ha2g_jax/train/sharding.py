@@ -43,7 +43,7 @@ def data_mesh(devices: Sequence[Any] | None = None) -> Mesh:
 def whole(mesh: Mesh, shapes: Any) -> Any:
     """Return a tree of `jax.ShapeDtypeStruct` with the sharding of arrays that are replicated on all devices."""
     sharding = NamedSharding(mesh, PartitionSpec())
-    return jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=sharding), shapes)
+    return jax.tree.map(lambda x: x.update(sharding=sharding), shapes)
 
 
 def replicate(mesh: Mesh, tree: Any) -> Any:

@@ -10,8 +10,8 @@ import optax
 
 from ha2g_jax.checkpoint.state import Network, TrainState
 from ha2g_jax.methods import adversarial, method_of
-from ha2g_jax.methods.adversarial import discriminate
 from ha2g_jax.methods.method import Batch, Run, Spec, subtract_mean, total
+from ha2g_jax.methods.networks import apply
 from ha2g_jax.train.objective import Objective
 
 Metrics = dict[str, jax.Array]
@@ -66,34 +66,33 @@ def train_step(objective: Objective, state: TrainState, batch: Batch, key: jax.A
     keys = step_keys(spec, key, state.step)
     targets = subtract_mean(spec, batch["directions"])
     has_gan = state.step >= objective.warmup_steps
+    rates = {"generator": objective.generator_rate(state.step)}
 
     run, pull_back = run_generator(objective, state.generator, batch, keys)
     discriminator, discriminator_metrics = state.discriminator, {}
     if discriminator is not None:
+        rates["discriminator"] = objective.discriminator_rate(state.step)
         discriminator, discriminator_metrics = _update_discriminator(
             objective,
             discriminator,
-            state.step,
+            rates["discriminator"],
             targets,
             jax.lax.stop_gradient(run.outputs.poses[-1]),
             keys["discriminator"],
         )
-        discriminator = _where(has_gan, discriminator, state.discriminator)
+        discriminator = optax.tree.where(has_gan, discriminator, state.discriminator)
 
     cotangent, metrics = output_gradient(objective, discriminator, run, targets, keys["gan"], has_gan)
     (gradient,) = pull_back(cotangent)
-    generator = _update(state.generator, gradient, objective.generator_optimizer, state.step)
+    generator = _update(state.generator, gradient, objective.optimizer, rates["generator"])
     generator = generator.replace(batch_stats=run.batch_stats)
 
     metrics |= {"grad_norm/generator": optax.tree.norm(gradient)} | discriminator_metrics
     is_finite = state.is_finite & jnp.isfinite(jnp.stack(list(metrics.values()))).all()
     average = _move_average(objective, state, generator)
     after = TrainState(state.step + 1, generator, discriminator, average, is_finite)
-    rates = {"generator": objective.generator_rate}
-    if discriminator is not None:
-        rates["discriminator"] = objective.discriminator_rate
-    metrics |= {f"learning_rate/{name}": jnp.asarray(rate(state.step), jnp.float32) for name, rate in rates.items()}
-    return _where(is_finite, after, state).replace(is_finite=is_finite), metrics
+    metrics |= {f"learning_rate/{name}": jnp.asarray(rate, jnp.float32) for name, rate in rates.items()}
+    return optax.tree.where(is_finite, after, state).replace(is_finite=is_finite), metrics
 
 
 def settle_average(objective: Objective, state: TrainState, batch: Batch, key: jax.Array) -> TrainState:
@@ -111,7 +110,7 @@ def settle_average(objective: Objective, state: TrainState, batch: Batch, key: j
     keys = step_keys(objective.spec, key, state.step)
     run = method_of(objective.spec).run(objective.spec, state.average, batch, keys, compute=objective.compute)
     settled = state.average | {"batch_stats": run.batch_stats}
-    return state.replace(average=_where(state.is_finite, settled, state.average))
+    return state.replace(average=optax.tree.where(state.is_finite, settled, state.average))
 
 
 def validation_step(objective: Objective, state: TrainState, batch: Batch, key: jax.Array) -> Metrics:
@@ -231,32 +230,32 @@ def _loss_metrics(terms: Any, total: jax.Array) -> Metrics:
 def _gan_term(
     objective: Objective, discriminator: Network, poses: jax.Array, key: jax.Array, *, train: bool
 ) -> jax.Array:
-    variables, compute = discriminator.variables, objective.compute
-    logits, _ = discriminate(objective.spec, variables, poses, key, train=train, compute=compute)
+    network, compute = objective.spec.discriminator, objective.compute
+    logits, _ = apply(network, discriminator.variables, key, poses, train=train, compute=compute)
     return adversarial.gan_generator(logits, kind=objective.gan)
 
 
 def _update_discriminator(
-    objective: Objective, network: Network, step: jax.Array, real: jax.Array, fake: jax.Array, key: jax.Array
+    objective: Objective, network: Network, rate: jax.Array, real: jax.Array, fake: jax.Array, key: jax.Array
 ) -> tuple[Network, Metrics]:
     real_key, fake_key = jax.random.split(key)
-    logits = functools.partial(discriminate, objective.spec, compute=objective.compute)
+    logits = functools.partial(apply, objective.spec.discriminator, train=True, compute=objective.compute)
 
     def loss(params):
         variables = network.variables | {"params": params}
-        real_logits, batch_stats = logits(variables, real, real_key)
-        fake_logits, batch_stats = logits(variables | {"batch_stats": batch_stats}, fake, fake_key)
+        real_logits, batch_stats = logits(variables, real_key, real)
+        fake_logits, batch_stats = logits(variables | {"batch_stats": batch_stats}, fake_key, fake)
         return adversarial.gan_discriminator(real_logits, fake_logits, kind=objective.gan), batch_stats
 
     (value, batch_stats), gradient = jax.value_and_grad(loss, has_aux=True)(network.params)
-    updated = _update(network, gradient, objective.discriminator_optimizer, step).replace(batch_stats=batch_stats)
+    updated = _update(network, gradient, objective.optimizer, rate).replace(batch_stats=batch_stats)
     return updated, {"loss/discriminator": value, "grad_norm/discriminator": optax.tree.norm(gradient)}
 
 
-def _update(network: Network, gradient: Any, optimizer: optax.GradientTransformation, step: jax.Array) -> Network:
-    update = optax.with_extra_args_support(optimizer).update
-    updates, opt_state = update(gradient, network.opt_state, network.params, step=step)
-    return network.replace(params=optax.apply_updates(network.params, updates), opt_state=opt_state)
+def _update(network: Network, gradient: Any, optimizer: optax.GradientTransformation, rate: jax.Array) -> Network:
+    updates, opt_state = optimizer.update(gradient, network.opt_state, network.params)
+    params = optax.apply_updates(network.params, optax.tree.scale(rate, updates))
+    return network.replace(params=params, opt_state=opt_state)
 
 
 def _move_average(objective: Objective, state: TrainState, generator: Network) -> Any:
@@ -264,7 +263,3 @@ def _move_average(objective: Objective, state: TrainState, generator: Network) -
         return None
     kept = jnp.minimum(objective.average_decay, (1 + state.step) / (10 + state.step))
     return jax.tree.map(lambda old, new: kept * old + (1 - kept) * new, state.average, generator.variables)
-
-
-def _where(condition: jax.Array, new: Any, old: Any) -> Any:
-    return jax.tree.map(lambda new, old: jnp.where(condition, new, old), new, old)

@@ -49,8 +49,11 @@ def make_plain(make_objective):
     def make(method, **changes):
         changes |= {f"model__{part}__dropout": 0.0 for part in HAS_DROPOUT.get(method, ())}
         objective = make_objective(method, train__batch_size=SIZE, **SMALL[method], **changes)
-        sgd = {"generator_optimizer": optax.sgd(1e-4), "discriminator_optimizer": optax.sgd(1e-2)}
-        objective = dataclasses.replace(objective, **sgd)
+        rates = {
+            "generator_rate": optax.constant_schedule(1e-4),
+            "discriminator_rate": optax.constant_schedule(1e-2),
+        }
+        objective = dataclasses.replace(objective, optimizer=optax.scale(-1.0), **rates)
         if method == "trimodal":
             discriminator = objective.spec.discriminator.clone(dropout=0.0)
             objective = dataclasses.replace(objective, spec=objective.spec._replace(discriminator=discriminator))

@@ -37,8 +37,11 @@ def sgd_objective(method: str) -> Objective:
     config.model.inferer.layers = 2
     config.model.inferer.dropout = 0.3
     objective = build_objective(config, load_skeleton("ted_gesture"), 11, 5)
-    sgd = {"generator_optimizer": optax.sgd(1e-4), "discriminator_optimizer": optax.sgd(1e-2)}
-    return dataclasses.replace(objective, warmup_steps=2, **sgd)
+    rates = {
+        "generator_rate": optax.constant_schedule(1e-4),
+        "discriminator_rate": optax.constant_schedule(1e-2),
+    }
+    return dataclasses.replace(objective, warmup_steps=2, optimizer=optax.scale(-1.0), **rates)
 
 
 def train(

@@ -11,7 +11,7 @@ from ha2g_jax import cli
 from ha2g_jax.config import presets
 from ha2g_jax.config import settings as configs
 from ha2g_jax.errors import UserError
-from ha2g_jax.train import describe, doctor, gradients
+from ha2g_jax.train import describe, doctor, gradients, run_record
 from ha2g_jax.train.measure import Memory
 
 
@@ -113,15 +113,15 @@ def test_a_gpu_that_jax_does_not_use_is_named(monkeypatch, tmp_path):
 def test_the_limit_of_a_container_counts(monkeypatch, tmp_path):
     memory = tmp_path / "meminfo"
     memory.write_text("MemTotal: 2000 kB\nMemFree: 10 kB\nMemAvailable: 1500 kB\n")
-    monkeypatch.setattr(doctor, "_MEMORY", memory)
-    monkeypatch.setattr(doctor, "_CONTAINER", tmp_path)
-    assert doctor.host_memory() == (2000 * 1024, 1500 * 1024)
+    monkeypatch.setattr(run_record, "_MEMORY", memory)
+    monkeypatch.setattr(run_record, "_CONTAINER", tmp_path)
+    assert run_record.host_memory() == (2000 * 1024, 1500 * 1024)
     (tmp_path / "memory.max").write_text("1000\n")
     (tmp_path / "memory.current").write_text("400\n")
     (tmp_path / "memory.stat").write_text("anon 150\nfile 250\ninactive_file 200\n")
-    assert doctor.host_memory() == (1000, 800)  # what was read from files is dropped first
+    assert run_record.host_memory() == (1000, 800)  # what was read from files is dropped first
     (tmp_path / "memory.max").write_text("max\n")
-    assert doctor.host_memory() == (2000 * 1024, 1500 * 1024)
+    assert run_record.host_memory() == (2000 * 1024, 1500 * 1024)
 
 
 def test_a_step_that_does_not_fit_is_not_run(config, monkeypatch):

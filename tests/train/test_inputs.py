@@ -44,29 +44,29 @@ def test_without_a_validation_split(config, tiny_talk, tmp_path):
     """A corpus of one recording cannot be split, so that a run has no validation."""
     for number, splits in enumerate(({"train": "ada"}, {"train": "ada", "val": ""})):
         corpus = divide(tiny_talk, tmp_path / str(number), **splits)
-        assert inputs.open_validation(config, spec_of(config, corpus), corpus, corpus.vocabulary()) is None
+        assert inputs.open_validation(config, spec_of(config, corpus), corpus) is None
 
 
 def test_with_validation_clips_shorter_than_a_window(config, tiny_talk, tmp_path):
     clip = Corpus.open(tiny_talk).clips("train")[0]
     clips = {"train": [clip], "val": [dataclasses.replace(clip, id="short", positions=clip.positions[:33])]}
     corpus = Corpus.open(write_corpus(tmp_path / "corpus", clips, skeleton="ted_expressive"))
-    assert inputs.open_validation(config, spec_of(config, corpus), corpus, corpus.vocabulary()) is None
+    assert inputs.open_validation(config, spec_of(config, corpus), corpus) is None
 
 
 def test_a_table_knows_the_speakers_of_training(config, tiny_talk, tmp_path):
     """With images any speaker can be used for validation; with a table only those that have a row."""
     corpus = divide(tiny_talk, tmp_path / "corpus", train="ada", val="ben", test="ada")
-    with_images = inputs.open_validation(config, spec_of(config, corpus), corpus, corpus.vocabulary())
+    with_images = inputs.open_validation(config, spec_of(config, corpus), corpus)
     assert with_images is not None
     assert len(with_images) > 0
     config.model.identity.kind = "speakers"
     spec = spec_of(config, corpus)
-    assert inputs.open_validation(config, spec, corpus, corpus.vocabulary()) is None
-    windows = inputs.open_windows(config, spec, corpus, corpus.vocabulary(), "test")
+    assert inputs.open_validation(config, spec, corpus) is None
+    windows = inputs.open_windows(config, spec, corpus, "test")
     assert {int(windows[index]["speaker"]) for index in range(len(windows))} == {0}
     with pytest.raises(UserError, match="no clip of a speaker of training in split 'val'"):
-        inputs.open_windows(config, spec, corpus, corpus.vocabulary(), "val")
+        inputs.open_windows(config, spec, corpus, "val")
 
 
 WORDS = "params/text/embedding/embedding"

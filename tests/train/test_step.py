@@ -12,9 +12,9 @@ import pytest
 from ha2g_jax.config import presets
 from ha2g_jax.data.corpus import TRAIN
 from ha2g_jax.methods import adversarial, method_of
-from ha2g_jax.methods.adversarial import discriminate
 from ha2g_jax.methods.ha2g.method import Terms
 from ha2g_jax.methods.method import subtract_mean, total
+from ha2g_jax.methods.networks import apply
 from ha2g_jax.train import inputs
 from ha2g_jax.train import step as steps
 from ha2g_jax.train.objective import build_objective, init_state
@@ -36,30 +36,32 @@ def two_pass_step(objective, state, batch, key):
     targets = subtract_mean(objective.spec, batch["directions"])
     fake = method_of(objective.spec).run(objective.spec, state.generator.variables, batch, keys).outputs.poses[-1]
     real_key, fake_key = jax.random.split(keys["discriminator"])
+    discriminate = functools.partial(apply, objective.spec.discriminator, train=True, compute=objective.compute)
+
+    def descend(network, gradient, rate):
+        updates, _ = objective.optimizer.update(gradient, network.opt_state)
+        return optax.apply_updates(network.params, optax.tree.scale(rate(state.step), updates))
 
     def discriminator_loss(params):
         variables = state.discriminator.variables | {"params": params}
-        real_logits, batch_stats = discriminate(objective.spec, variables, targets, real_key)
-        fake_logits, _ = discriminate(objective.spec, variables | {"batch_stats": batch_stats}, fake, fake_key)
+        real_logits, batch_stats = discriminate(variables, real_key, targets)
+        fake_logits, _ = discriminate(variables | {"batch_stats": batch_stats}, fake_key, fake)
         return adversarial.gan_discriminator(real_logits, fake_logits)
 
-    updates, _ = objective.discriminator_optimizer.update(
-        jax.grad(discriminator_loss)(state.discriminator.params), state.discriminator.opt_state
-    )
-    discriminator = state.discriminator.replace(params=optax.apply_updates(state.discriminator.params, updates))
+    gradient = jax.grad(discriminator_loss)(state.discriminator.params)
+    params = descend(state.discriminator, gradient, objective.discriminator_rate)
+    discriminator = state.discriminator.replace(params=params)
 
     def generator_loss(params):
         variables = state.generator.variables | {"params": params}
         outputs, constants, _ = method_of(objective.spec).run(objective.spec, variables, batch, keys)
-        fake_logits, _ = discriminate(objective.spec, discriminator.variables, outputs.poses[-1], keys["gan"])
+        fake_logits, _ = discriminate(discriminator.variables, keys["gan"], outputs.poses[-1])
         gan = adversarial.gan_generator(fake_logits)
         terms = method_of(objective.spec).terms(objective.spec, objective.settings, outputs, constants, targets, gan)
         return total(objective.weights, terms)
 
-    updates, _ = objective.generator_optimizer.update(
-        jax.grad(generator_loss)(state.generator.params), state.generator.opt_state
-    )
-    return optax.apply_updates(state.generator.params, updates), discriminator.params
+    gradient = jax.grad(generator_loss)(state.generator.params)
+    return descend(state.generator, gradient, objective.generator_rate), discriminator.params
 
 
 def test_shared_forward_equals_the_two_pass_alternation(objective, step, state, batch):
@@ -174,11 +176,10 @@ def test_every_product_of_the_networks_is_in_bfloat16(config, build, make_batch,
 
     def run(state, batch, key):
         keys = steps.step_keys(objective.spec, key, state.step)
+        discriminate = functools.partial(apply, objective.spec.discriminator, train=True, compute=objective.compute)
         (outputs, *_), pull_back = steps.run_generator(objective, state.generator, batch, keys)
         logits, back = jax.vjp(
-            lambda poses: discriminate(
-                objective.spec, state.discriminator.variables, poses, key, compute=objective.compute
-            )[0],
+            lambda poses: discriminate(state.discriminator.variables, key, poses)[0],
             outputs.poses[-1],
         )
         return outputs, logits, pull_back(outputs), back(logits)
@@ -202,10 +203,8 @@ def switched(make_objective, draw_state, make_motion_batch):
     batch, state = make_motion_batch(objective, 3), draw_state(objective)
     start = state.replace(
         step=jnp.int32(2),
-        generator=state.generator.replace(opt_state=objective.generator_optimizer.init(state.generator.params)),
-        discriminator=state.discriminator.replace(
-            opt_state=objective.discriminator_optimizer.init(state.discriminator.params)
-        ),
+        generator=state.generator.replace(opt_state=objective.optimizer.init(state.generator.params)),
+        discriminator=state.discriminator.replace(opt_state=objective.optimizer.init(state.discriminator.params)),
         average=jax.tree.map(lambda x: x + 1, state.generator.variables),
     )
     before = jax.tree.map(np.asarray, start)
@@ -291,7 +290,7 @@ def test_one_batch_is_learnt_by_heart_in_100_steps(tiny_talk, draw_state):
     corpus = inputs.open_corpus(config)
     vocabulary, speakers = corpus.vocabulary(), corpus.speakers_of(TRAIN)
     objective = build_objective(config, corpus.skeleton, len(vocabulary), len(speakers))
-    windows = inputs.open_windows(config, objective.spec, corpus, vocabulary, TRAIN)
+    windows = inputs.open_windows(config, objective.spec, corpus, TRAIN)
     examples = [windows[index] for index in range(config.train.batch_size)]
     batch = {name: np.stack([example[name] for example in examples]) for name in examples[0]}
 

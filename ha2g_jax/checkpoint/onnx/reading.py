@@ -15,7 +15,15 @@ from ha2g_jax.errors import require
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.spectrum import FFT_SIZE, FLOOR_DB, HOP_LENGTH, NUM_MELS, window_columns
 from ha2g_jax.files.reading import check_regular, parse_json, read_bytes, reading, reason
-from ha2g_jax.limits import MAX_CHANNELS, MAX_ONNX_BYTES, MAX_ONNX_METADATA_BYTES, MAX_WINDOW_FRAMES
+from ha2g_jax.limits import (
+    MAX_CHANNELS,
+    MAX_MODEL_FPS,
+    MAX_ONNX_BYTES,
+    MAX_ONNX_METADATA_BYTES,
+    MAX_WINDOW_FRAMES,
+    MIN_MODEL_FPS,
+    MIN_WINDOW_FRAMES,
+)
 from ha2g_jax.motion.windows import window_stride
 
 if TYPE_CHECKING:
@@ -38,7 +46,6 @@ _DOMAINS = ("", "ai.onnx")
 _ATTRIBUTES = (1, 2, 3, 7)  # a number, a text or integers: FLOAT, INT, STRING, INTS of `onnx.AttributeProto`
 
 FORMAT = "ha2g-jax 1"
-MIN_FRAMES, MIN_FPS, MAX_FPS = 17, 15, 30  # those of `config.settings`, whose import takes long
 MAX_TEXT = 200  # characters of a text of the metadata
 _NUMBERS = ("num_frames", "num_seed_frames", "fps", "style_dim")
 _TEXTS = ("name", "method", "weights", "license")
@@ -117,9 +124,9 @@ def from_metadata(metadata: Mapping[str, str]) -> Description:
     if any(type(number) is not int for number in numbers.values()):
         raise TypeError("a size is not a whole number")
     ranges = {
-        "num_frames": (MIN_FRAMES, MAX_WINDOW_FRAMES),
+        "num_frames": (MIN_WINDOW_FRAMES, MAX_WINDOW_FRAMES),
         "num_seed_frames": (1, numbers["num_frames"] // 2),
-        "fps": (MIN_FPS, MAX_FPS),
+        "fps": (MIN_MODEL_FPS, MAX_MODEL_FPS),
         "style_dim": (0, MAX_CHANNELS),
         "noise_dim": (0, MAX_CHANNELS),
     }

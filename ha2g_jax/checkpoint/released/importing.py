@@ -76,7 +76,7 @@ def import_weights(path: str | os.PathLike, out: str | os.PathLike) -> tuple[pat
 def read_released(content: Any, size: str = "") -> Released:
     """Convert the value of a released file, as `read_torch` returns it.
 
-    `size` is that of the networks, a key of `config.SIZES`; released files have the size of the paper.
+    `size` is that of the networks, a key of `presets.SIZES`; released files have the size of the paper.
 
     Raises:
         DoesNotFitError: the value is not that of a released file.

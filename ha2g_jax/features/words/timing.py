@@ -136,9 +136,8 @@ def to_words(stretches: Iterable[Stretch], path: pathlib.Path) -> tuple[Word, ..
         # Written so that NaN fails.
         if not (-MAX_SECONDS <= start <= end <= MAX_SECONDS):
             raise UserError(
-                f"{shown(path)} gives {text[:40]!r} the times {start:g} to {end:g} s; expected seconds, "
-                "start before end "
-                "and below 100 hours: correct the file"
+                f"{shown(path)} gives {text[:40]!r} the times {start:g} to {end:g} s; expected seconds, start before "
+                "end and below 100 hours: correct the file"
             )
         texts = split_words(text)
         if len(words) + len(texts) > MAX_WORDS:

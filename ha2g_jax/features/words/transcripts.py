@@ -111,12 +111,11 @@ def find(media: pathlib.Path, *, is_alone: bool = True) -> pathlib.Path | None:
     """Find the transcript of a recording in its folder.
 
     The first match wins: a file whose stem is the recording's name, such as talk.mp3.srt, or its stem, or one of these
-    in other case; with the stem and a language, as
-    in `talk.en.vtt`; with the stem cut at its last dot, and so on; the only file called `words.*`, if no other
-    recording is in the folder. A file with the stem of another recording, such as interview.ann.srt next to
-    interview.bob.mp4, belongs only to that one.
-    The order among files of one stem is .TextGrid, .json, .tsv, .csv, .ctm, .vtt, .srt, .txt. A .json or .csv of motion
-    that `ha2g export` wrote is not a transcript. Returns None if there is no transcript.
+    in other case; with the stem and a language, as in talk.en.vtt; with the stem cut at its last dot, and so on; the
+    only file called words.*, if no other recording is in the folder. A file with the stem of another recording, such as
+    interview.ann.srt next to interview.bob.mp4, belongs only to that one. The order among files of one stem is
+    .TextGrid, .json, .tsv, .csv, .ctm, .vtt, .srt, .txt. A .json or .csv of motion that `ha2g export` wrote is not a
+    transcript. Returns None if there is no transcript.
 
     Args:
         media: path of the audio, video or motion file of the recording, which need not exist.

@@ -154,8 +154,6 @@ def test_the_metadata_restores_the_description(debug):
     assert list(found.assets.speakers) == ["ada", "ben"]
     np.testing.assert_array_equal(found.assets.speakers["ben"], debug.assets.speakers["ben"])
     assert to_metadata(found) == metadata_of(model)
-    limits = (reading.MIN_FRAMES, reading.MIN_FPS, reading.MAX_FPS)
-    assert limits == (configs.MIN_FRAMES, configs.MIN_FPS, configs.MAX_FPS)
 
 
 def test_the_forms_of_weights_have_the_sizes_they_should(debug):

@@ -28,8 +28,9 @@ def objectives(config, build):
         objective = build(config)
         return dataclasses.replace(
             objective,
-            generator_optimizer=optax.sgd(1e-3),
-            discriminator_optimizer=optax.sgd(1e-2),
+            optimizer=optax.scale(-1.0),
+            generator_rate=optax.constant_schedule(1e-3),
+            discriminator_rate=optax.constant_schedule(1e-2),
             spec=objective.spec._replace(discriminator=objective.spec.discriminator.clone(dropout=0.0)),
         )
 
