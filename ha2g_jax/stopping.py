@@ -15,6 +15,7 @@ STOP_SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SI
 
 # Python handles a signal between two of its own instructions, and compiling the step is one that may take a minute.
 _PATIENCE = 5.0  # seconds
+_NOTHING_LOST = "stopped before the first step: nothing was lost; the same command continues\n"
 _SOON = 0.1  # seconds until a signal is repeated
 
 
@@ -76,6 +77,25 @@ def ending_on_signals() -> Iterator[None]:
         sys.unraisablehook = report
 
 
+@contextlib.contextmanager
+def leaving_on_signals() -> Iterator[None]:
+    """End the process at once on a stop signal, also while the main thread is busy in a compiler.
+
+    There is no exception, because one in a callback would crash the compiler; so nothing may be half-written here.
+    """
+
+    def leave(number: int) -> NoReturn:
+        _leave(128 + number, "\nha2g: interrupted\n")
+
+    def watch(receiver: socket.socket) -> None:
+        while number := receiver.recv(1):
+            if number[0] in STOP_SIGNALS:
+                leave(number[0])
+
+    with on_stop_signals(leave), _watching(watch):
+        yield
+
+
 class Stop:
     """Request to end a training. Before `begin` the run has nothing to save, and a signal ends it at once."""
 
@@ -108,49 +128,65 @@ class Stop:
             return
         if not self._may_raise:
             self.leave()
-        _say_nothing_lost()
+        _say(_NOTHING_LOST)
         raise SystemExit(0)
 
     def leave(self) -> NoReturn:
         """End the process without an exception."""
-        _say_nothing_lost()
-        os._exit(0)
+        _leave(0, _NOTHING_LOST)
 
 
 @contextlib.contextmanager
 def stop_after_step() -> Iterator[Stop]:
     """Turn stop signals into a `Stop`; a second Ctrl-C interrupts at once."""
     stop = Stop()
+    finished = threading.Event()
+
+    def watch(receiver: socket.socket) -> None:
+        """End the process if the main thread is busy in a compiler and does not handle the signal itself."""
+        while number := receiver.recv(1):
+            if number[0] not in STOP_SIGNALS or stop.has_begun:
+                continue
+            if not finished.wait(_PATIENCE) and not stop.has_begun:
+                stop.leave()
+
+    with _watching(watch):
+        try:
+            with on_stop_signals(stop.ask, once=(signal.SIGINT,)):  # a scheduler may send SIGTERM twice
+                yield stop
+        finally:
+            finished.set()
+
+
+@contextlib.contextmanager
+def _watching(watch: Callable[[socket.socket], None]) -> Iterator[None]:
+    """Let a thread run a function with a socket that receives the number of each signal when it arrives.
+
+    In other threads than the main one, signals are left to it.
+    """
     if threading.current_thread() is not threading.main_thread():
-        yield stop
+        yield
         return
     receiver, sender = socket.socketpair()
     sender.setblocking(False)
-    previous_wakeup = signal.set_wakeup_fd(sender.fileno(), warn_on_full_buffer=False)
-    finished = threading.Event()
-    watcher = threading.Thread(target=_watch, args=(receiver, stop, finished), daemon=True)
+    previous = signal.set_wakeup_fd(sender.fileno(), warn_on_full_buffer=False)
+    watcher = threading.Thread(target=watch, args=(receiver,), daemon=True)
     watcher.start()
     try:
-        with on_stop_signals(stop.ask, once=(signal.SIGINT,)):  # a scheduler may send SIGTERM twice
-            yield stop
+        yield
     finally:
-        signal.set_wakeup_fd(previous_wakeup)
-        finished.set()
+        signal.set_wakeup_fd(previous)
         sender.close()  # ends the watcher
         watcher.join()
         receiver.close()
 
 
-def _watch(receiver: socket.socket, stop: Stop, finished: threading.Event) -> None:
-    """End the process if the main thread is busy in a compiler and does not handle the signal itself."""
-    while number := receiver.recv(1):
-        if number[0] not in STOP_SIGNALS or stop.has_begun:
-            continue
-        if not finished.wait(_PATIENCE) and not stop.has_begun:
-            stop.leave()
+def _leave(status: int, message: str) -> NoReturn:
+    _say(message)
+    os._exit(status)
 
 
-def _say_nothing_lost() -> None:
+def _say(message: str) -> None:
     with contextlib.suppress(OSError):  # of a terminal that is closed
-        sys.stderr.write("stopped before the first step: nothing was lost; the same command continues\n")
+        sys.stderr.write(message)
         sys.stderr.flush()

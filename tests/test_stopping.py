@@ -69,3 +69,17 @@ def test_a_compiler_is_left_without_an_exception(state):
     _, errors = process.communicate(timeout=30)
     assert process.returncode == 0
     assert "nothing was lost" in errors and "Traceback" not in errors
+
+
+def test_a_check_ends_at_once_while_a_compiler_is_at_work():
+    code = (
+        "import hashlib; from ha2g_jax.stopping import leaving_on_signals as leaving\nwith leaving(): print('ready', "
+    )
+    code += "flush=True); hashlib.pbkdf2_hmac('sha256', b'', b'', 200_000_000)"
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None and process.stdout.readline() == "ready\n"
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=20)
+    assert process.returncode == 128 + signal.SIGINT and err == "\nha2g: interrupted\n"

@@ -23,6 +23,7 @@ from ha2g_jax.methods import method_of
 from ha2g_jax.methods.ha2g.losses import is_rigid
 from ha2g_jax.methods.method import Batch, subtract_mean
 from ha2g_jax.progress import stage
+from ha2g_jax.stopping import leaving_on_signals
 from ha2g_jax.train import inputs
 from ha2g_jax.train.objective import Objective, build_objective, init_state
 from ha2g_jax.train.step import loss_terms, run_generator, step_keys
@@ -134,7 +135,7 @@ def _measure(config: Config, corpus: Corpus, trained: tuple[str, dict[str, Any]]
             )
         state = state.replace(generator=state.generator.replace(**jax.tree.map(jnp.asarray, variables)))
     try:
-        with stage("compiling the gradients of the terms, which takes minutes on a CPU"):
+        with stage("compiling the gradients of the terms, which takes minutes on a CPU"), leaving_on_signals():
             found = term_gradients(objective, state, batch, key)._asdict()
             return {field: values.tolist() for field, values in found.items()}
     except jax.errors.JaxRuntimeError as error:

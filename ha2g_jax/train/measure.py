@@ -19,6 +19,7 @@ from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.layers.cpu import onednn
 from ha2g_jax.methods.method import Spec, example_batch
 from ha2g_jax.skeleton import load_skeleton, normalize
+from ha2g_jax.stopping import leaving_on_signals
 from ha2g_jax.train import sharding
 from ha2g_jax.train.objective import build_objective, init_state
 
@@ -79,7 +80,8 @@ class TimedStep:
         # The function of `compile_step` compiles when it is called; this compiles the same program from shapes alone.
         step = jax.jit(sharding.compile_step(objective, self._mesh), donate_argnums=0)
         traced = step.trace(self._shapes, self.batch, self._key)
-        self._step = traced.lower().compile()
+        with leaving_on_signals():
+            self._step = traced.lower().compile()
         self.compile_seconds = time.perf_counter() - started
         self.operations = count_operations(traced.jaxpr.jaxpr)
         self.memory = _memory(self._step)
@@ -96,7 +98,8 @@ class TimedStep:
         step, seconds = sharding.compile_validation_step(self.objective, self._mesh), []
         for _ in range(2):
             started = time.perf_counter()
-            jax.block_until_ready(step(self._state, self.batch, self._key))
+            with leaving_on_signals():
+                jax.block_until_ready(step(self._state, self.batch, self._key))
             seconds.append(time.perf_counter() - started)
         return max(seconds[0] - seconds[1], 0.0), seconds[1]
 

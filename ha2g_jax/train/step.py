@@ -66,12 +66,12 @@ def train_step(objective: Objective, state: TrainState, batch: Batch, key: jax.A
     keys = step_keys(spec, key, state.step)
     targets = subtract_mean(spec, batch["directions"])
     has_gan = state.step >= objective.warmup_steps
-    rates = {"generator": objective.generator_rate(state.step)}
+    rates = {"generator": jnp.asarray(objective.generator_rate(state.step), jnp.float32)}
 
     run, pull_back = run_generator(objective, state.generator, batch, keys)
     discriminator, discriminator_metrics = state.discriminator, {}
     if discriminator is not None:
-        rates["discriminator"] = objective.discriminator_rate(state.step)
+        rates["discriminator"] = jnp.asarray(objective.discriminator_rate(state.step), jnp.float32)
         discriminator, discriminator_metrics = _update_discriminator(
             objective,
             discriminator,
@@ -91,7 +91,7 @@ def train_step(objective: Objective, state: TrainState, batch: Batch, key: jax.A
     is_finite = state.is_finite & jnp.isfinite(jnp.stack(list(metrics.values()))).all()
     average = _move_average(objective, state, generator)
     after = TrainState(state.step + 1, generator, discriminator, average, is_finite)
-    metrics |= {f"learning_rate/{name}": jnp.asarray(rate, jnp.float32) for name, rate in rates.items()}
+    metrics |= {f"learning_rate/{name}": rate for name, rate in rates.items()}
     return optax.tree.where(is_finite, after, state).replace(is_finite=is_finite), metrics
 
 

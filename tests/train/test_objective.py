@@ -68,7 +68,7 @@ def test_it_is_adam():
 
 @pytest.mark.parametrize(("clip_norm", "factor"), [(0.0, 1.0), (0.5, 0.1), (7.0, 1.0)])
 def test_a_gradient_is_cut_to_the_norm(clip_norm, factor):
-    optimizer = adam((0.5, 0.999), clip_norm)
+    optimizer: Any = adam((0.5, 0.999), clip_norm)
     _, state = optimizer.update(GRADIENT, optimizer.init(PARAMS), PARAMS)
     moments: Any = next(part for part in state if isinstance(part, optax.ScaleByAdamState))
     np.testing.assert_allclose(moments.mu["b"], 0.5 * factor * GRADIENT["b"], rtol=1e-6)

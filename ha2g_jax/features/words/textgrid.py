@@ -111,6 +111,8 @@ def choose(
     Raises:
         UserError: there is no tier of words, or no such speaker, or none of several is the one who is recorded.
     """
+    if not tiers:
+        return []
     if any(tier.name for tier in tiers):
         tiers = [Tier(tier.name, list(filter(_is_speech, tier.stretches))) for tier in tiers]
     wanted = (speaker or recorded or "").casefold()

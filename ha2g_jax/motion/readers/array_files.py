@@ -23,7 +23,7 @@ from ha2g_jax.limits import MAX_MOTION_JOINTS
 from ha2g_jax.motion.armature import export_axes
 from ha2g_jax.motion.motion import check_length
 from ha2g_jax.motion.readers import joint_maps
-from ha2g_jax.motion.readers.body import find_up, is_mirrored, to_skeleton_axes
+from ha2g_jax.motion.readers.body import choose_up, is_mirrored, to_skeleton_axes
 from ha2g_jax.skeleton import SKELETONS, Skeleton, bone_lengths, hand_joints, load_skeleton
 
 _logger = logging.getLogger(__name__)
@@ -131,11 +131,11 @@ def in_skeleton(arrays: Arrays, skeleton: Skeleton, joint_map: str, path: pathli
         )
     left, right = (skeleton.joint(f"{side}_shoulder") for side in ("left", "right"))
     stated = None if joint_map == joint_maps.AUTO else joint_maps.load_map(joint_map).up
-    up = stated or find_up(positions, skeleton)
     side = np.sign((positions[:, left, 0] - positions[:, right, 0]).mean())
-    if up == _OURS_DOWN and side == export_axes(skeleton)[0]:
-        return positions
     with naming(path):
+        up = choose_up(positions, skeleton, stated)
+        if up == _OURS_DOWN and side == export_axes(skeleton)[0]:
+            return positions
         return to_skeleton_axes(positions, skeleton, up=up)
 
 

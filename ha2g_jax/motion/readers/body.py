@@ -126,6 +126,18 @@ def find_up(positions: np.ndarray, skeleton: Skeleton) -> str:
     return max(UPS, key=lambda up: float(mean @ np.array(_UP_VECTORS[up])))
 
 
+def choose_up(positions: np.ndarray, skeleton: Skeleton, stated: str | None) -> str:
+    """Return the axis that is stated to point up, or else that of `find_up`.
+
+    Raises:
+        UserError: the trunk keeps to another axis than the stated one.
+    """
+    found = find_up(positions, skeleton)
+    if stated not in (None, found) and float(_trunk(positions, skeleton) @ np.array(_UP_VECTORS[found])) > _KEEPS:
+        raise UserError(f"up is stated as {stated}, but the trunk points along {found}; correct it, or leave it out")
+    return stated or found
+
+
 def is_turned(positions: np.ndarray, skeleton: Skeleton, up: str) -> bool:
     """Return whether the trunk keeps to another axis than y, as where another program turned the root of a file."""
     return up != "y" and float(_trunk(positions, skeleton) @ np.array(_UP_VECTORS[up])) > _KEEPS

@@ -25,7 +25,7 @@ from ha2g_jax.motion.readers.body import (
     arm_length,
     check_arms,
     check_size,
-    find_up,
+    choose_up,
     from_captured,
     is_mirrored,
     is_turned,
@@ -225,7 +225,7 @@ def to_motion(
         world, rotations = world_motion(bvh, fps or bvh.fps, [*found, *(legs.values() if with_legs else ())])
         positions = np.zeros((len(world), skeleton.num_joints, 3))
         positions[:, [skeleton.joint(joint) for joint in own]] = world[:, : len(own)]
-        up = names.up or find_up(positions, skeleton)
+        up = choose_up(positions, skeleton, names.up)
         is_own = _rests_on_rig(bvh, names.name, places, skeleton) and not is_turned(positions, skeleton, up)
         up = "y" if is_own else up
         if not is_own:

@@ -8,6 +8,7 @@ TED-Gesture. The rigs of `ha2g export` are maps as well.
 """
 
 import collections
+import difflib
 import importlib.resources
 import json
 import pathlib
@@ -22,7 +23,7 @@ from ha2g_jax.motion import rigs
 from ha2g_jax.motion.lower_body import JOINTS as LOWER_JOINTS
 from ha2g_jax.motion.lower_body import OPTIONAL
 from ha2g_jax.motion.readers.body import FACE, UPS
-from ha2g_jax.skeleton import Skeleton
+from ha2g_jax.skeleton import SKELETONS, Skeleton, load_skeleton
 
 # The most demanding first, because "auto" takes the first that fits.
 _FILES = ("zeroeggs", "beat", "mixamo", "genea")
@@ -30,6 +31,7 @@ MAPS = (*_FILES, *(rig for rig in rigs.RIGS if rig not in _FILES))
 AUTO = "auto"
 HEAD = "head"
 
+_PLACES = {HEAD, *LOWER_JOINTS, *(joint for name in SKELETONS for joint in load_skeleton(name).joints)}
 _EXPECTED = "a joint map in JSON or YAML"
 _NUMBER = re.compile(r"_\d+$")
 _MAX_DEPTH = 3  # a map has lists in its entries; one level more, so that the message can name the joint
@@ -138,6 +140,10 @@ def _to_map(lines: Any, name: str) -> JointMap:
         unit = _positive(unit, name)
     if up not in (None, *UPS):
         raise UserError(f"{name} has `up: {_text(up)}`; expected one of {', '.join(UPS)}")
+    if unknown := next((key for key in lines if key not in _PLACES), None):
+        alike = difflib.get_close_matches(unknown.casefold(), [*_PLACES, "unit", "up", "comment"], 1)
+        meant = f"; did you mean {alike[0]}?" if alike else ""
+        raise UserError(f"{name} has an unknown entry {_text(unknown)}{meant}")
     return JointMap(name, {key: _names(value, key, name) for key, value in lines.items()}, unit, up)
 
 

@@ -20,7 +20,7 @@ from ha2g_jax.motion.readers.body import (
     arm_length,
     check_arms,
     check_size,
-    find_up,
+    choose_up,
     from_rest_pose,
     mean_heading,
     to_skeleton_axes,
@@ -124,7 +124,7 @@ def to_motion(arrays: SmplxArrays, skeleton: Skeleton, body: Body, *, fps: float
             up, axes = "y", np.diag(export_axes(skeleton))
             positions = add_rest_face(positions, rotations[HEAD].as_matrix(), skeleton)
         else:
-            up = find_up(positions, skeleton) if up == AUTO else up
+            up = choose_up(positions, skeleton, None if up == AUTO else up)
             axes = mean_heading(positions, skeleton, up=up)
         to_export = axes * export_axes(skeleton)
         lower = from_rest_pose(
@@ -220,7 +220,7 @@ def _from_positions(found: np.ndarray, skeleton: Skeleton, up: str) -> tuple[np.
     points = np.zeros((len(found), len(JOINTS) + len(FACE), 3))
     points[:, :count] = found[:, :count]
     positions = _choose(points, skeleton)
-    up = find_up(positions, skeleton) if up == AUTO else up
+    up = choose_up(positions, skeleton, None if up == AUTO else up)
     positions_with_face = add_face(positions, points[:, HEAD], _head_rotations(points), skeleton, up=up)
     made = [joint in FACE and (joint == "head" or not has_face) for joint in skeleton.joints]
     positions[:, made] = positions_with_face[:, made]

@@ -86,6 +86,7 @@ HOSTILE = {
     "million.TextGrid": (LONG_GRID.replace("size = 6", "size = 1000000000").encode(), "declares 1000000000 intervals"),
     "words.docx": (b"hello there", "expected one of .TextGrid"),
     "digits.srt": (b"1" * 1_000_000, "no subtitles with times"),
+    "header.tsv": (b"start\tend\tword\n", "no words with times"),
     "none.vtt": (b"WEBVTT\n\n00:00:01,000 --> 00:00:02,000\n[music]\n", "no words with times"),
 }
 

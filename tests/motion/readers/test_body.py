@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion.readers import read_motion
-from ha2g_jax.motion.readers.body import FACE, add_face, find_up, to_skeleton_axes
+from ha2g_jax.motion.readers.body import FACE, add_face, choose_up, to_skeleton_axes
 from ha2g_jax.motion.readers.smplx_body import JOINTS
 
 # Degrees about x, y and z that take y up to another axis.
@@ -31,7 +31,9 @@ def mocap(skeleton, yaw=0.0, sway=0.0) -> np.ndarray:
 def test_the_mean_pose_comes_back(skeleton, up, yaw):
     positions = Rotation.from_euler("xyz", TO_UP[up], degrees=True).apply(mocap(skeleton, yaw).reshape(-1, 3))
     positions = positions.reshape(40, -1, 3) + np.array([5.0, 2.0, -3.0])
-    assert find_up(positions, skeleton) == up
+    assert choose_up(positions, skeleton, None) == choose_up(positions, skeleton, up) == up
+    with pytest.raises(UserError, match=f"but the trunk points along {up}; correct it"):
+        choose_up(positions, skeleton, "z" if up != "z" else "x")
     found = to_skeleton_axes(positions, skeleton, up=up)
     pose = skeleton.mean_pose
     shoulders = pose[skeleton.joint("left_shoulder")] - pose[skeleton.joint("right_shoulder")]

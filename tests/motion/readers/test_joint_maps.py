@@ -110,6 +110,8 @@ FAULTS = {
     "a name that is a truth": (".yaml", "spine: no", "no name for spine"),
     "unit below zero": (".yaml", "unit: -1", "has `unit: -1"),
     "an object": (".yaml", "spine: !!python/object/apply:os.getcwd []", "is not YAML"),
+    "a joint misspelt": (".json", '{"left_hpi": "LeftUpLeg"}', "unknown entry left_hpi; did you mean left_hip?"),
+    "an option in capitals": (".yaml", "Unit: 0.01", "unknown entry Unit; did you mean unit?"),
     "too long": (".yaml", "# " + "x" * (1 << 18), "more than 65536 bytes"),
     "JSON without end": (".json", '{"spine": ' + "[" * 20000, "is not JSON"),
 }
