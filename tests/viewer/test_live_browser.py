@@ -56,7 +56,8 @@ def sending():
         def send():
             number = 0
             while not done.wait(1 / FPS):
-                sink.send(Frame(number, number / FPS, 0, skeleton, pose(number), rigs.convert(pose(number))))
+                (animations,) = rigs.convert(pose(number)[None])
+                sink.send(Frame(number, number / FPS, 0, skeleton, pose(number), animations))
                 number += 1
 
         thread = threading.Thread(target=send)

@@ -1,5 +1,6 @@
 """Frames of a live run: poses in the rigs of the sinks, and interpolation between the frames of the model."""
 
+import dataclasses
 import math
 from collections.abc import Iterable
 from typing import NamedTuple
@@ -36,7 +37,7 @@ class Frame(NamedTuple):
 
 
 class Rigs:
-    """Conversion of direction vectors to the rigs of the sinks, frame by frame.
+    """Conversion of direction vectors to the rigs of the sinks.
 
     Args:
         skeleton: skeleton of the direction vectors.
@@ -56,15 +57,23 @@ class Rigs:
         # The solver imports large libraries at its first use; this is done here so that the first frame is not late.
         solver.Solver(skeleton, fps).animate(skeleton.mean_directions[None])
 
-    def convert(self, directions: np.ndarray) -> dict[str, Animation]:
-        """Return directions (bones, 3) as an animation of one frame for each rig, by its name."""
-        if not self._transfers:
-            return {}
-        own, animations = self._solver.animate(directions[None]), {}
+    def convert(self, directions: np.ndarray) -> list[dict[str, Animation]]:
+        """Return the next frames (n, bones, 3), each as an animation of one frame for each rig, by its name.
+
+        Eight frames at once take about as long as one.
+        """
+        if not self._transfers or not len(directions):
+            return [{} for _ in directions]
+        own, animations = self._solver.animate(directions), {}
         for name, transfer in self._transfers.items():
             animations[name] = own if transfer is None else transfer.apply(own, self._last.get(name))
             self._last[name] = animations[name].rotations[-1]
-        return animations
+        return [{name: _frame(it, number) for name, it in animations.items()} for number in range(len(directions))]
+
+
+def _frame(animation: Animation, number: int) -> Animation:
+    one = slice(number, number + 1)
+    return dataclasses.replace(animation, rotations=animation.rotations[one], translation=animation.translation[one])
 
 
 class Interpolation:

@@ -61,7 +61,7 @@ class PacedStream:
             Sound may be sent to a player when this frame is shown.
 
         Raises:
-            UserError: the rate is below 1 kHz or above 768 kHz.
+            UserError: the sound is not bytes, or the rate is below 1 kHz or above 768 kHz.
         """
         if not self._own.is_waiting:
             self._begun = self._ticks / self._stream.fps
@@ -157,6 +157,8 @@ class _Voice:
         return any(map(len, self._pieces))
 
     def put(self, pcm: bytes, rate: int) -> None:
+        if not isinstance(pcm, bytes | bytearray | memoryview):
+            raise UserError(f"the sound is {type(pcm).__name__}; expected bytes: samples.astype('<i2').tobytes()")
         if not MIN_SOUND_RATE <= rate <= MAX_SOUND_RATE:
             raise UserError(f"{rate} samples a second; expected {MIN_SOUND_RATE} to {MAX_SOUND_RATE}")
         if rate != self._rate:

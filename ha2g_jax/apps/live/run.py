@@ -29,6 +29,7 @@ from ha2g_jax.synthesis.style import RANDOM
 
 _LONGEST_DELAY = 10.0  # seconds
 _READY = 0.2  # seconds before its time at which a frame is computed, where the delay allows it
+_AT_ONCE = 0.25  # seconds of frames that are converted before the first of them is sent
 _METER_SECONDS = 1.0  # between two values of the meter
 _REMEMBERED_SECONDS = 5.0  # of the times of the sound, beyond the latency
 
@@ -118,7 +119,7 @@ def _follow(
     clock, meter = Clock(), Meter(latency)
     rigs = Rigs(stream.skeleton, fps, [sink.rig for sink in sinks.senders])
     timeline = Timeline(latency + _REMEMBERED_SECONDS)
-    numbers = itertools.count()
+    numbers, at_once = itertools.count(), math.ceil(_AT_ONCE * fps)
     most = round(MAX_MOTION_SECONDS * stream.fps)  # frames of a recording
 
     def emit(directions: np.ndarray) -> None:
@@ -130,13 +131,14 @@ def _follow(
         send(interpolation.add(directions))
 
     def send(frames: np.ndarray) -> None:
-        for pose, number in zip(frames, numbers):
+        for poses in np.split(frames, range(at_once, len(frames), at_once)):
             if stop.is_asked() or not sinks.senders:
-                continue
-            seconds, before = number / fps, clock.now()
-            frame = Frame(number, seconds, timeline.heard(seconds), stream.skeleton, pose, rigs.convert(pose))
-            meter.compute_seconds += clock.now() - before
-            sender.put(frame, stop)
+                return
+            converted = _timed(meter, clock, rigs.convert, poses)
+            for pose, number, animations in zip(poses, numbers, converted):
+                seconds = number / fps
+                frame = Frame(number, seconds, timeline.heard(seconds), stream.skeleton, pose, animations)
+                sender.put(frame, stop)
 
     held = delay - latency - _READY if source.is_timed else 0.0
     wanted = delay if source.is_timed else None
@@ -175,7 +177,7 @@ def _change(stream: Stream, change: Change) -> None:
             tqdm.write(str(error), file=sys.stderr)
 
 
-def _timed(meter: Meter, clock: Clock, function: Any, *arguments: np.ndarray | None) -> np.ndarray:
+def _timed(meter: Meter, clock: Clock, function: Any, *arguments: np.ndarray | None) -> Any:
     """Call a function and count its time as that of the computation."""
     before = clock.now()
     result = function(*arguments)

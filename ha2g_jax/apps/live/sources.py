@@ -319,9 +319,11 @@ def read_change(text: str) -> Change:
             return Change(state=value)
         if (name == "muted" and isinstance(value, bool)) or (name == "clear" and value is True):
             return Change(**message)
+        if name == "state":
+            raise UserError(f"there is no state {shown(str(value)[:40])}; expected one of: {', '.join(STATES)}")
     raise UserError(
         'send sound as binary messages, and of text {"muted": true}, {"state": "listen"}, {"clear": true} or '
-        '{"cue": "nod"} only'
+        '{"cue": "nod"} only, each by itself'
     )
 
 

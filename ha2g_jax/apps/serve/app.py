@@ -70,6 +70,7 @@ def create_app(service: Service) -> FastAPI:
     # The pages of FastAPI load scripts from the network, so that only the description itself is served.
     app = FastAPI(title="ha2g", version=__version__, docs_url=None, redoc_url=None)
 
+    @app.head("/health", include_in_schema=False)
     @app.get("/health", responses={503: {"description": "the service is being stopped"}})
     async def health() -> JSONResponse:
         """Tell whether the service takes requests."""

@@ -22,8 +22,8 @@ from ha2g_jax.synthesis.style import VARIATION, Style, read_mixture
 
 _SENTENCES = {  # for the kinds of mistakes of pydantic; those of a value are its own
     "extra_forbidden": "no such name; docs/serving.md has all",
-    "json_invalid": 'the text is not JSON; send an object, such as {"end": true}',
-    "model_type": 'the text is no object; send one, such as {"end": true}',
+    "json_invalid": 'the text is not JSON; send an object, such as {"muted": true}',
+    "model_type": 'the text is no object; send one, such as {"muted": true}',
 }
 _MAX_LETTERS = 200  # of a message about a mistake
 
@@ -169,7 +169,8 @@ def one_line(errors: list) -> str:
     """Return the first of the errors of pydantic as one line."""
     first = errors[0]
     where = ".".join(str(part) for part in first["loc"] if part not in ("query", "body"))
-    what = _SENTENCES.get(first["type"]) or first["msg"].replace("Input should be", "expected").removeprefix(
+    sentences = _SENTENCES | ({"model_type": "expected an object"} if where else {})
+    what = sentences.get(first["type"]) or first["msg"].replace("Input should be", "expected").removeprefix(
         "Value error, "
     )
     return shown(f"{where}: {what}" if where else what)[: 2 * _MAX_LETTERS]

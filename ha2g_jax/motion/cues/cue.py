@@ -95,7 +95,7 @@ def check_cue(cue: Cue | str) -> Cue:
     if not (isinstance(cue, Cue) and isinstance(cue.name, str) and isinstance(cue.word, str | None)):
         raise UserError(f"a cue is {cue!r}; give a Cue, such as Cue('nod', 1.5)")
     name = check_name(cue.name)
-    message = f"the time of the cue {shown(name)} is {cue.time!r}; expected seconds from 0 on"
+    message = f"the time of the cue {shown(name)} is {cue.time!r}; expected seconds from 0 to {MAX_SECONDS:g}"
     time = None if cue.time is None else check_number(cue.time, 0, MAX_SECONDS, message)
     return cue._replace(name=name, time=time)
 

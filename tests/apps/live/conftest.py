@@ -38,8 +38,9 @@ def make_frames(skeleton):
 
     def make_frames(count, *names):
         rigs = Rigs(skeleton, FPS, names)
-        found = enumerate(poses(skeleton, count))
-        return [Frame(k, k / FPS, 100 + k / FPS, skeleton, pose, rigs.convert(pose)) for k, pose in found]
+        directions = poses(skeleton, count)
+        found = enumerate(zip(directions, rigs.convert(directions), strict=True))
+        return [Frame(k, k / FPS, 100 + k / FPS, skeleton, pose, animations) for k, (pose, animations) in found]
 
     return make_frames
 

@@ -183,6 +183,8 @@ def test_a_piece_may_end_within_a_sample():
                 paced.say(piece, RATE)
             with pytest.raises(UserError, match="0 samples a second"):
                 paced.hear(SOUND.tobytes(), 0)
+            with pytest.raises(UserError, match="the sound is ndarray; expected bytes"):
+                paced.say(SOUND, RATE)
 
     stream, _ = run(script)
     np.testing.assert_array_equal(stream.own[stream.own != 0], SOUND / np.float32(32768))

@@ -14,12 +14,14 @@ import urllib.request
 
 import numpy as np
 import pytest
+from apps.live.standins import FPS, poses
 from pythonosc import dispatcher
 from scipy.spatial.transform import Rotation
 from websockets.sync.client import connect
 
 from ha2g_jax.apps.live import sinks
 from ha2g_jax.apps.live.clock import Clock, StopFlag
+from ha2g_jax.apps.live.frames import Rigs
 from ha2g_jax.apps.live.network import read_address, udp_target
 from ha2g_jax.apps.live.sinks import MAX_DATAGRAM, VmcSink, open_sinks
 from ha2g_jax.apps.live.sources import open_source
@@ -58,6 +60,15 @@ def test_datagrams_are_the_joints_once_a_second_and_every_frame(make_frames, rec
     assert [joint["name"] for joint in joints[0]["joints"]] == list(frames[0].animations[rig].armature.joints)
     for message, frame in zip(poses, frames, strict=True):
         check_message(message, frame, rig)
+
+
+def test_frames_that_are_converted_at_once_are_those_of_one_after_another(skeleton):
+    directions, rigs = poses(skeleton, 9), [Rigs(skeleton, FPS, ["ha2g", "vrm"]) for _ in range(2)]
+    pieces = [*rigs[0].convert(directions[:5]), *rigs[0].convert(directions[:0]), *rigs[0].convert(directions[5:])]
+    for whole, alone in zip(pieces, map(rigs[1].convert, directions[:, None]), strict=True):
+        for name in ("ha2g", "vrm"):
+            assert whole[name].num_frames == len(whole[name].translation) == 1
+            np.testing.assert_allclose(whole[name].rotations, alone[0][name].rotations, atol=1e-9)
 
 
 def test_every_page_gets_the_joints_and_then_all_frames(make_frames, free_port):

@@ -1,6 +1,10 @@
 """Streams over real sockets: their frames, and the messages that end them."""
 
+import asyncio
 import json
+import pathlib
+import re
+from typing import Any
 
 import numpy as np
 import pytest
@@ -33,6 +37,16 @@ def test_a_stream_gives_the_frames_of_the_model(client, debug_model):
     np.testing.assert_allclose(frames, expected, atol=5.1e-5)
 
 
+def test_the_client_of_the_page_gets_all_frames(client):
+    page = (pathlib.Path(__file__).parents[3] / "docs" / "serving.md").read_text()
+    (code,) = re.findall(r"^```python\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
+    names: dict[str, Any] = {}
+    exec(code, names)
+    url = f"ws://127.0.0.1:{client.port}/v1/stream"
+    frames = asyncio.run(names["gestures"](speech(2.0).tobytes(), url))
+    assert np.shape(frames) == (30, 126)
+
+
 def test_another_rate_and_changes_on_the_way(client):
     with client.stream() as websocket:
         begin(websocket, rate=48000, muted=True, controls={"energy": 0.5, "handedness": "left"})
@@ -47,6 +61,8 @@ def test_another_rate_and_changes_on_the_way(client):
 BAD_MESSAGES = {
     "binary first": ([b"\0\0"], "the first message is binary"),
     "deep JSON": (["[" * 10_000], "JSON"),
+    "no object": (["[]"], 'no object; send one, such as {"muted": true}'),
+    "a style that is a text": (['{"style": "ada"}'], "style: expected an object"),
     "unknown name": (['{"speed": 1}'], "speed: no such name"),
     "look-ahead": (['{"look_ahead": 99}'], "the look-ahead is 99"),
     "seed": (['{"seed": -1}'], "seed: "),
