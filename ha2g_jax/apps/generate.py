@@ -87,8 +87,8 @@ def generate_files(
         checkpoint, backend: model and runtime, see `load`.
         suffix: format of the results, one of `tasks.SUFFIXES`, if `out` names none.
         rig: joints of the results, see `motion.formats.export`; video and page have none.
-        words: path of a transcript of the speech, for a model that reads words and for cues on words, where there is
-            one file; by default a transcript beside the speech is used. HA2G needs none.
+        words: path of a transcript of the speech, for a model that reads words, for cues on words and for pages, where
+            there is one file; by default a transcript beside the speech is used. HA2G needs none.
         size: width and height of the video in pixels, one number for both; 720 by default.
         camera: camera of video and page, one of `figure.CAMERAS`, by default "body".
         takes: number of motions for each file, with the seeds `seed`, `seed + 1` and so on; of several, the names of
@@ -135,9 +135,9 @@ def generate_files(
         model = load(checkpoint, backend)
     cues = tuple(read_clip(cue, model.assets.skeleton) for cue in options.get("cues", ()))
     options = {**options, "cues": cues}
-    needs_words = model.reads_words or any(cue.word for cue in cues)
+    needs_words = model.reads_words or any(cue.word for cue in cues) or PAGE in suffixes
     if words is not None and not needs_words:
-        raise UserError(f"{model.spec.method} reads no words; leave --words out")
+        raise UserError(f"{model.spec.method} reads no words; leave --words out, or write .html, which shows them")
     if needs_words and words is None:
         results = [path for task in tasks for path in task.paths]
         check_kept(results, [find_transcript(task.speech) for task in tasks])
@@ -184,7 +184,8 @@ def _generate(
             f"{len(seeds)} takes of {shown(task.speech)} have {frames} frames, and a page of all takes at most "
             f"{MAX_MOTION_FRAMES}; give fewer --takes, or less --fps"
         )
-    spoken = read_words(model, task.speech, audio.samples, words, options.get("cues", ()))
+    has_page = any(path.suffix.lower() == PAGE for path in task.paths)
+    spoken = read_words(model, task.speech, audio.samples, words, options.get("cues", ()), are_shown=has_page)
     with contextlib.ExitStack() as stack:
         # The files are opened before the work, so that a path that cannot be written is noticed early.
         temporary = [stack.enter_context(whole_file(path)) for path in task.paths]
@@ -230,15 +231,17 @@ def read_words(
     audio: np.ndarray,
     words: pathlib.Path | None,
     cues: Sequence[Cue | str] = (),
+    *,
+    are_shown: bool = False,
 ) -> tuple[Word, ...]:
-    """Return the words of the speech (samples,) at 16 kHz for a model that reads words or a cue on a word, by default
-    from the transcript beside its file, if there is one.
+    """Return the words of the speech (samples,) at 16 kHz for a model that reads words, a cue on a word or a page on
+    which they are shown, by default from the transcript beside its file, if there is one.
 
     Raises:
         UserError: the transcript cannot be read, or there is none for a cue.
     """
     on_words = [cue for cue in cues if isinstance(cue, Cue) and cue.word]
-    if not model.reads_words and not on_words:
+    if not (model.reads_words or on_words or are_shown):
         return ()
     words = words or find_transcript(speech)
     if words is None and on_words:
@@ -247,6 +250,8 @@ def read_words(
             "name one with --words, or give times"
         )
     if words is None:
+        if not model.reads_words:
+            return ()
         tqdm.write(
             f"{model.spec.method} reads words, but {shown(speech)} has no transcript beside it: continuing without "
             "words; name a transcript with --words",

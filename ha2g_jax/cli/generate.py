@@ -66,7 +66,7 @@ def add_commands(commands: Any) -> None:
     command.add_argument(
         "--words",
         type=pathlib.Path,
-        help="transcript, or FILE#SPEAKER, for a model or cues with words (default: that beside the speech)",
+        help="transcript, or FILE#SPEAKER, for a model or cues with words and for .html (default: that of the speech)",
     )
     command.add_argument(
         "--size", metavar="WIDTHxHEIGHT", help="pixels of the video; one number for both (default: 720)"

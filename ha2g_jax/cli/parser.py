@@ -3,7 +3,7 @@
 import argparse
 import json
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, NoReturn
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.limits import MAX_SEED
@@ -25,10 +25,10 @@ class Parser(argparse.ArgumentParser):
 
     def parse_known_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> tuple[Any, list[str]]:  # type: ignore[override]
         """Parse arguments, all of which must be known; the names of the options among them are `given`."""
+        self._arguments = [str(argument) for argument in args or ()]
         values, unknown = super().parse_known_args(args, namespace)
         options = {option: action.dest for action in self._actions for option in action.option_strings}
-        names = [str(argument).partition("=")[0] for argument in args or ()]
-        given = [[option for option in options if option == name] or self._longer(options, name) for name in names]
+        given = [self._named(options, argument) for argument in self._arguments]
         values.given = getattr(values, "given", frozenset()) | {options[found[0]] for found in given if found}
         if self.get_default("overrides") is not None:
             values.overrides = [argument for argument in unknown if argument.startswith("--config.")]
@@ -37,10 +37,20 @@ class Parser(argparse.ArgumentParser):
             self.error(f"unknown arguments: {' '.join(unknown)}; see {self.prog} --help")
         return values, unknown
 
+    def error(self, message: str) -> NoReturn:
+        """End with the usage and a message, which names a value that its dash makes look like an option."""
+        options = [option for action in self._actions for option in action.option_strings]
+        dashed = [it for it in self._arguments if it[:1] == "-" and it.strip("-") and not self._named(options, it)]
+        if dashed and ("are required" in message or "expected" in message):
+            message += f"; {dashed[0]} begins with a dash: write ./{dashed[0]} for a file, or --OPTION={dashed[0]}"
+        super().error(message)
+
     @staticmethod
-    def _longer(options: Iterable[str], name: str) -> list[str]:
-        """Return the options that a name abbreviates, of which the parser has accepted only one."""
-        return [option for option in options if name[2:] and name.startswith("--") and option.startswith(name)]
+    def _named(options: Iterable[str], argument: str) -> list[str]:
+        """Return the options that an argument names or abbreviates, of which the parser accepts only one."""
+        name = argument.partition("=")[0]
+        longer = [option for option in options if name[2:] and name.startswith("--") and option.startswith(name)]
+        return [option for option in options if option == name] or longer
 
 
 def read_seed(text: str) -> int:

@@ -131,6 +131,10 @@ def whole_file(path: str | pathlib.Path, advice: str = _ADVICE) -> Iterator[path
             temporary.touch()
             yield temporary
             temporary.replace(path)
+        except UserError as error:  # of a writer that was given the temporary path
+            if shown(temporary) not in str(error):
+                raise
+            raise UserError(str(error).replace(shown(temporary), shown(path))) from error
         finally:
             with contextlib.suppress(OSError):
                 temporary.unlink()

@@ -171,14 +171,14 @@ class Motion:
             UserError: the file is missing or does not hold a motion.
         """
         path = pathlib.Path(path)
-        if path.suffix.lower() == ".bvh":
+        if path.suffix.lower() != ".npz" and path.is_file():
             raise UserError(
-                f"{shown(path)} is a BVH file; expected an .npz that ha2g generate wrote: ha2g export takes a BVH, and "
-                "ha2g data import imports it"
+                f"{shown(path)} is not an .npz; make one of a motion in another format: ha2g export {shown(path)} "
+                "--out MOTION.npz"
             )
         with reading(path, "a motion of ha2g generate"):
             if not path.is_file():
-                raise UserError(f"no motion at {shown(path)}; give an .npz that ha2g generate wrote")
+                raise UserError(f"no motion at {shown(path)}; give an .npz of ha2g generate or ha2g export")
         return cls.from_arrays(read_npz(path, max_bytes=limits.MAX_MOTION_BYTES, names=ARRAYS), path)
 
     @classmethod
@@ -203,7 +203,9 @@ class Motion:
             raise UserError(f"{shown(path)}: {error}") from error
         except (ValueError, KeyError, TypeError) as error:
             why = f"it has no {error}" if isinstance(error, KeyError) else reason(error)
-            raise UserError(f"{shown(path)} is not a motion ({why}); give an .npz that ha2g generate wrote") from error
+            raise UserError(
+                f"{shown(path)} is not a motion ({why}); give an .npz of ha2g generate or ha2g export"
+            ) from error
         return motion
 
 

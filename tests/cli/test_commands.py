@@ -100,6 +100,15 @@ def test_an_unknown_flag_is_answered_with_the_usage_of_its_command(capsys):
     assert re.search(r"ha2g data split: error: unknown arguments: --nope.*; see ha2g data split --help\n$", printed)
 
 
+@pytest.mark.parametrize("argv", [["generate", "-talk.wav"], ["generate", "a.wav", "--pin", "-talk.wav"]])
+def test_a_value_that_looks_like_an_option_is_named(argv, capsys):
+    with pytest.raises(SystemExit):
+        cli.main(argv)
+    assert capsys.readouterr().err.endswith(
+        "-talk.wav begins with a dash: write ./-talk.wav for a file, or --OPTION=-talk.wav\n"
+    )
+
+
 def test_version(capsys):
     with pytest.raises(SystemExit) as stop:
         cli.main(["--version"])

@@ -60,6 +60,7 @@ def test_writes_motion_and_video(debug_folder, speech, tmp_path, capsys):
 
 def test_takes_are_those_of_their_seeds_with_a_page_to_choose_from(debug_folder, speech, tmp_path, capsys):
     options = [speech, "--checkpoint", debug_folder]
+    speech.with_suffix(".srt").write_text("1\n00:00:00,100 --> 00:00:00,500\nhello\n")
     assert generate(*options, "-o", tmp_path / "talk.npz", "--takes", 3, "--seed", 8, "--camera", "close") == 0
     names = ["talk_seed8.npz", "talk_seed9.npz", "talk_seed10.npz", "talk_takes.html"]
     assert capsys.readouterr().out.split() == [str(tmp_path / name) for name in names]
@@ -70,7 +71,9 @@ def test_takes_are_those_of_their_seeds_with_a_page_to_choose_from(debug_folder,
     content = json.loads(Page((tmp_path / names[3]).read_text()).of("content"))
     assert [motion["name"] for motion in content["motions"]] == ["seed 8", "seed 9", "seed 10"]
     assert content["view"] == list(CAMERAS["close"])
-    assert content["sound"]
+    assert content["sound"] and "hello" in json.dumps(content["words"])
+    assert generate(*options, "-o", tmp_path / "one.bvh", "--words", speech.with_suffix(".srt")) == 2
+    assert "leave --words out, or write .html" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -257,7 +260,7 @@ def test_the_speech_of_a_folder_is_its_sound(recordings, tmp_path, capsys):
     tasks = plan(recordings)
     assert [task.speech.name for task in tasks] == ["second.flac", "speech.wav"]
     assert tasks[0].paths == (recordings / "second_gestures.npz", recordings / "second_gestures.mp4")
-    message = f"skipping files that are not speech in {recordings}: notes.txt, speech_gestures.mp4, "
+    message = f"skipping what is not speech in {recordings} itself: older.wav/, notes.txt, speech_gestures.mp4, "
     message += "speech_gestures_seed3.mp4\n"
     assert capsys.readouterr().err == message
     in_folder = plan([recordings / "second.flac", recordings / "speech.wav"], tmp_path / "new", ".bvh")

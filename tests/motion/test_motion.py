@@ -61,6 +61,10 @@ def test_other_suffixes_and_other_files_are_refused(tmp_path):
     for name in ("missing.npz", "text.npz", "other.npz"):
         with pytest.raises(UserError, match=name):
             Motion.load(tmp_path / name)
+    for name in ("m.glb", "m.json"):
+        (tmp_path / name).touch()
+        with pytest.raises(UserError, match=rf"ha2g export .*{name} --out MOTION\.npz"):
+            Motion.load(tmp_path / name)
 
 
 @pytest.mark.parametrize(("name", "width"), [("jaw", 1), ("jaw", 4), ("arkit", 10)])
