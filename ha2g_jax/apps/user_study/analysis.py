@@ -113,7 +113,6 @@ def _agreement(ratings: Ratings, preferences: Choices, mismatches: Choices, key:
         if len(values):
             kappa = agreement(rows.participant, rows.clip, rows.item, values)
             _, counts = np.unique(rows.item, return_counts=True)
-            kappa = kappa._replace(low=max(kappa.low, -1.0), high=min(kappa.high, 1.0))
             found[name] = {**_json(kappa), "items": int((counts > 1).sum()), "answers_per_item": float(counts.mean())}
     return found
 

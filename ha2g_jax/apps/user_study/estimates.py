@@ -285,4 +285,5 @@ def agreement(participants: np.ndarray, clips: np.ndarray, items: np.ndarray, an
         jackknife(np.array([fleiss_kappa(table(groups != group)) for group in np.unique(groups)]))
         for groups in (participants, clips)
     ]
-    return crossed(value, *spreads)
+    found = crossed(value, *spreads)
+    return found._replace(low=np.maximum(found.low, -1.0), high=np.minimum(found.high, 1.0))

@@ -351,7 +351,7 @@ def test_a_websocket_answers_other_text_and_listens_on(listening):
             answer = json.loads(sender.recv(timeout=5))
             assert answer.keys() == {"error"} and "\n" not in answer["error"]
         sender.send('{"state": "sleep"}')
-        assert "no state sleep; expected one of: auto" in sender.recv(timeout=5)
+        assert "no state sleep; expected one of: auto" in str(sender.recv(timeout=5))
         sender.send(pcm(tone(1600)))
         wait_for(lambda: any(chunk.samples.any() for chunk in listening[1]))
 

@@ -174,6 +174,13 @@ def test_agreement_in_an_incomplete_design():
     assert np.isnan(fleiss_kappa(np.array([[3, 0], [4, 0]])))  # nothing but one answer
 
 
+def test_the_interval_of_agreement_ends_at_1():
+    items, participants = np.repeat(np.arange(6), 5), np.tile(np.arange(5), 6)
+    answers = np.where((items == 0) & (participants == 0), 1 - items % 2, items % 2)
+    found = agreement(participants, items, items, answers)
+    assert 0.7 < found.value < found.high == 1.0
+
+
 def test_interval_of_agreement():
     random = np.random.default_rng(1)
     truth = random.integers(3, size=20)
