@@ -119,7 +119,7 @@ MIN_WINDOW_FRAMES = 17
 """Least number of frames in a window of a model, for the same reason."""
 
 MAX_MOTION_JOINTS = 1_000
-"""Joints of a file of motion from another system."""
+"""Joints of a file of motion from another system, such as BVH or glTF."""
 
 MAX_MOTION_BYTES = 1 << 30
 """Bytes of the unpacked arrays of a file of motion, and of a glTF file."""
@@ -204,9 +204,6 @@ MAX_BVH_HEADER = 8 << 20
 
 MAX_BVH_LINES = 100_000
 """Lines before the numbers of a BVH file."""
-
-MAX_BVH_JOINTS = 1_000
-"""Joints of a BVH or glTF file."""
 
 MAX_JOINT_NAME = 200
 """Letters in the name of a joint."""

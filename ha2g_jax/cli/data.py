@@ -84,9 +84,8 @@ def _add_import(data: Any) -> None:
 
 def _import(arguments: argparse.Namespace) -> None:
     kind = arguments.kind or _kind_of(arguments.src)
-    every = {name: None for names in _IMPORT.values() for name in names}
     names = {"ted": "TED's LMDB", "bvh": "BVH and glTF", "smplx": "SMPL-X"}
-    refuse_others(arguments, _IMPORT[kind], tuple(every), names[kind])
+    refuse_others(arguments, _IMPORT[kind], sum(_IMPORT.values(), ()), names[kind])
     given = {name: getattr(arguments, name) for name in _IMPORT[kind]}
     given = {name: value for name, value in given.items() if value is not None and value is not False}
     if kind == "ted":

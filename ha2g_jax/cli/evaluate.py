@@ -104,8 +104,7 @@ def run(arguments: argparse.Namespace) -> None:
         UserError: no input is named, an option does not apply to it, or it cannot be evaluated.
     """
     kind = _input_of(arguments)
-    every = dict.fromkeys(name for names in _OPTIONS.values() for name in names)
-    refuse_others(arguments, _OPTIONS[kind], tuple(every), kind)
+    refuse_others(arguments, _OPTIONS[kind], sum(_OPTIONS.values(), ()), kind)
     if kind == _CORPUS and arguments.checkpoint is None and arguments.data is None:
         raise UserError(
             "nothing to score; give --checkpoint MODEL --data CORPUS, --checkpoint MODEL --speech FILE, --motion FILE "

@@ -34,9 +34,7 @@ _OPTIONS = {
     **dict.fromkeys((".glb", ".vrma"), ("rig", "audio")),
     **dict.fromkeys((".bvh", ".json", ".csv", ".npz", ".fbx"), ("rig",)),
 }
-
-
-_EVERY = tuple({name: None for names in _OPTIONS.values() for name in names})
+_EVERY = sum(_OPTIONS.values(), ())
 
 
 def add_commands(commands: Any) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from tqdm import tqdm
 
 from ha2g_jax.cli.export import add_camera, read_size
-from ha2g_jax.cli.parser import read_seed, refuse_others
+from ha2g_jax.cli.parser import MODEL, read_seed, refuse_others
 from ha2g_jax.progress import stage
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def add_commands(commands: Any) -> None:
     command.add_argument(
         "--checkpoint",
         default="demo",
-        help="'demo', a workdir, a model folder, hf://OWNER/NAME, or an .onnx of ha2g model onnx",
+        help=f"{MODEL}, or an .onnx of ha2g model onnx (default: demo)",
     )
     command.add_argument(
         "--backend",
@@ -78,9 +78,7 @@ def add_commands(commands: Any) -> None:
 
     speakers = commands.add_parser("speakers", help="list the speakers of a model, and how they move, if known")
     speakers.description = "List the speakers of a model, which ha2g generate takes as --speaker and --style."
-    speakers.add_argument(
-        "--checkpoint", default="demo", help="'demo', a workdir, a model folder or hf://OWNER/NAME (default: demo)"
-    )
+    speakers.add_argument("--checkpoint", default="demo", help=f"{MODEL} (default: demo)")
     speakers.add_argument("--json", action="store_true", help="print JSON instead of a table")
     speakers.set_defaults(run=_list_speakers)
 

@@ -8,7 +8,7 @@ import sys
 from typing import Any
 
 from ha2g_jax.cli import generate
-from ha2g_jax.cli.parser import read_seed, refuse_others
+from ha2g_jax.cli.parser import MODEL, read_seed, refuse_others
 from ha2g_jax.motion.states import STATES
 from ha2g_jax.motion.windows import DEFAULT_HOP, DEFAULT_LOOK_AHEAD
 from ha2g_jax.progress import stage
@@ -36,7 +36,7 @@ def add_commands(commands: Any) -> None:
         help="vmc://HOST:PORT, the VMC protocol (port 39539 by default); udp://HOST:PORT, JSON; ws://HOST:PORT to "
         "listen on, JSON for pages that connect; or a file .npz, written at the end; give several for several sinks",
     )
-    command.add_argument("--checkpoint", default="demo", help="'demo', a workdir, a model folder or hf://OWNER/NAME")
+    command.add_argument("--checkpoint", default="demo", help=f"{MODEL} (default: demo)")
     command.add_argument(
         "--rate", type=int, metavar="HZ", help="samples per second of PCM (default: 16000, or those of the microphone)"
     )

@@ -110,7 +110,7 @@ def refuse_others(arguments: argparse.Namespace, allowed: Sequence[str], every: 
     Raises:
         UserError: such an option is given.
     """
-    given = [name for name in every if name not in allowed and name in arguments.given]
+    given = [name for name in dict.fromkeys(every) if name not in allowed and name in arguments.given]
     if given:
         options = ", ".join(f"--{name.replace('_', '-')}" for name in given)
         raise UserError(f"{options} {'does' if len(given) == 1 else 'do'} not apply to {kind}; leave {options} out")

@@ -30,9 +30,7 @@ def add_commands(commands: Any) -> None:
         "Answer requests for motion over HTTP (POST /v1/motion) and streams over WebSocket (/v1/stream); see "
         "docs/serving.md. SIGTERM ends it when the running requests are done."
     )
-    serve.add_argument(
-        "--checkpoint", default="demo", help="'demo', a workdir, a model folder or hf://OWNER/NAME (default: demo)"
-    )
+    serve.add_argument("--checkpoint", default="demo", help=f"{MODEL} (default: demo)")
     serve.add_argument("--host", default=_DEFAULT.host, help="address to listen at (default: this machine only)")
     serve.add_argument("--port", type=int, default=_DEFAULT.port, help="port, 0 for a free one (default: %(default)g)")
     serve.add_argument(
@@ -68,12 +66,7 @@ def add_commands(commands: Any) -> None:
         "Write a folder with a page, its scripts and a model, which any static host can serve. Node.js builds the "
         "scripts once, for which npm needs the network; docs/web.md says how to publish the folder."
     )
-    web.add_argument(
-        "checkpoint",
-        nargs="?",
-        default="demo",
-        help=f"{MODEL} (default: demo)",
-    )
+    web.add_argument("checkpoint", nargs="?", default="demo", help=f"{MODEL} (default: demo)")
     web.add_argument(
         "-o",
         "--out",

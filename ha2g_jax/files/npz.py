@@ -14,7 +14,7 @@ from typing import IO
 import numpy as np
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import SmallReads, read_exactly, reason, shown
+from ha2g_jax.files.reading import SmallReads, check_there, read_exactly, reason, shown
 from ha2g_jax.limits import MAX_NPZ_OF_ANY_RATIO, MAX_NPZ_RATIO
 
 _MAGIC = b"\x93NUMPY"
@@ -46,6 +46,7 @@ def read_npz(
             of Python objects, which only pickle could read.
     """
     path = pathlib.Path(path)
+    check_there(path)
     try:
         opened = path.open("rb", buffering=0)
     except FileNotFoundError:
@@ -79,8 +80,6 @@ class _BadArrays(Exception):
 def _read_zip(
     reader: io.BufferedReader, size: int, max_bytes: int, names: Collection[str] | None
 ) -> dict[str, np.ndarray]:
-    if size == 0:
-        raise _BadArrays("it is empty")
     with zipfile.ZipFile(reader) as archive:
         entries: dict[str, zipfile.ZipInfo] = {}
         for entry in archive.infolist():

@@ -15,7 +15,7 @@ import filelock
 from tqdm import tqdm
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import reason, shown
+from ha2g_jax.files.reading import reason, resolved, shown
 from ha2g_jax.progress import progress_bar
 
 _MAX_NAME = 200  # bytes; most file systems allow 255 for a whole name
@@ -80,10 +80,10 @@ def check_kept(
     Raises:
         UserError: a result would overwrite one of the inputs.
     """
-    kept = {os.path.realpath(path): path for path in inputs if path is not None}
+    kept = {resolved(path): path for path in inputs if path is not None}
     for path in results:
-        if (resolved := os.path.realpath(path)) in kept:
-            raise UserError(f"the {what} would overwrite {shown(kept[resolved])}; choose another path with {option}")
+        if found := kept.get(resolved(path)):
+            raise UserError(f"the {what} would overwrite {shown(found)}; choose another path with {option}")
 
 
 def check_new(folder: str | pathlib.Path) -> None:
@@ -122,7 +122,7 @@ def whole_file(path: str | pathlib.Path, advice: str = _ADVICE) -> Iterator[path
         check_file(path)
     with writing(path, advice):  # its name may be too long
         if path.is_symlink():  # its target is written, and the link stays
-            path = pathlib.Path(os.path.realpath(path))
+            path = resolved(path)
     temporary = path.with_name(f".{_short(path.stem)}.{os.getpid()}{path.suffix}")
     with writing(path, advice), _parents(path):
         if path.exists() and not path.is_file():

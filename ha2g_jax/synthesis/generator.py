@@ -1,13 +1,13 @@
 """Motion from speech with a trained generator, with any runtime; this module needs neither JAX nor ONNX Runtime."""
 
 import abc
-import importlib.metadata
 import pathlib
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypedDict, TypeVar
 
 import numpy as np
 
+from ha2g_jax import __version__
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.checkpoint.onnx.reading import Description
 from ha2g_jax.errors import UserError, check_number
@@ -264,7 +264,7 @@ class Generator(abc.ABC, Generic[S]):
             "cues": gestures.describe(placed),
         }
         meta = {
-            "version": importlib.metadata.version("ha2g-jax"),
+            "version": __version__,
             "model": self.name,
             "checkpoint": self.assets.hash,
             "speech": audio.name,

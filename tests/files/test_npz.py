@@ -100,7 +100,7 @@ def _huge_contents() -> bytes:
 
 F4 = "{'descr': '<f4', 'fortran_order': False, 'shape': %s, }\n"
 BAD = {
-    "nothing": (b"", "it is empty"),
+    "nothing": (b"", "is an empty file"),
     "broken middle": (_npz(a=np.ones(99)).replace(np.float64(1).tobytes(), b"\x01" * 8), "not a whole .npz file"),
     "objects": (_npz(a=np.array([{}, 1])), "Python objects"),
     "text of no length": (_zip({"a.npy": _header(F4.replace("<f4", "<U0") % "(9,)")}), "elements of type"),

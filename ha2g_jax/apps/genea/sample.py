@@ -256,8 +256,8 @@ def read_shapes(folder: pathlib.Path, clips: Sequence[str]) -> dict[str, np.ndar
             raise UserError(
                 f"{shown(folder)} has no file of {shown(clip)} or its speaker; give the folder smplxflame_30 of BEAT2"
             )
+        arrays = read_npz(path, max_bytes=MAX_MOTION_BYTES, names=["betas"])
         with naming(path):
-            arrays = read_npz(path, max_bytes=MAX_MOTION_BYTES, names=["betas"])
             if "betas" not in arrays:
                 raise UserError("no betas in it; expected a file of BEAT2")
             shapes[clip] = _width(smplx_arrays.read_shape(arrays)[None], NUM_BETAS)[0]

@@ -165,7 +165,7 @@ class Decoder:
 
     def _begin(self, is_last: bool) -> bool:
         """Find out what the sound is, and return whether it is known."""
-        head, self._form = self._rest, {}
+        head = self._rest
         if len(head) < 12 and not is_last:
             return False
         other = next((name for name, start in _OTHERS.items() if re.match(start, head, re.DOTALL)), None)

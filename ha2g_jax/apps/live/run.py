@@ -2,7 +2,6 @@
 
 import contextlib
 import gc
-import importlib.metadata
 import itertools
 import math
 import sys
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from ha2g_jax import __version__
 from ha2g_jax.apps.live.clock import Clock, StopFlag, Timeline
 from ha2g_jax.apps.live.frames import Frame, Interpolation, Rigs
 from ha2g_jax.apps.live.pieces import Change, held_back
@@ -95,7 +95,7 @@ def run(
             raise KeyboardInterrupt
         raise UserError(f"no sound from {source.name}; is it connected to something that speaks?")
     meta = {
-        "version": importlib.metadata.version("ha2g-jax"),
+        "version": __version__,
         "model": model.config.name,
         "checkpoint": model.assets.hash,
         "speech": source.name,

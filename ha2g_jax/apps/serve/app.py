@@ -6,7 +6,6 @@ import logging
 import pathlib
 import shutil
 import tempfile
-import threading
 import time
 from collections.abc import Awaitable, Callable
 from typing import Annotated, Any, BinaryIO
@@ -61,12 +60,9 @@ _RESPONSES: dict[int | str, dict[str, Any]] = {
 
 _logger = logging.getLogger(__name__)
 
-# The decoder of MP3 is silenced by exchanging the standard error of the process, which one thread may do at a time.
-_reading = threading.Lock()
-
 
 def create_app(service: Service) -> FastAPI:
-    """Return the application of a service, for any server of ASGI."""
+    """Return the application of a service, for a server of ASGI without lifespan events."""
     # The pages of FastAPI load scripts from the network, so that only the description itself is served.
     app = FastAPI(title="ha2g", version=__version__, docs_url=None, redoc_url=None)
 
@@ -213,8 +209,7 @@ def _file(service: Service, sound: BinaryIO, name: str, query: MotionQuery, opti
         path = pathlib.Path(folder) / "speech"
         with path.open("wb") as copy:
             shutil.copyfileobj(sound, copy)
-        with _reading:
-            samples = read_audio(path, service.settings.max_seconds, name=name)
+        samples = read_audio(path, service.settings.max_seconds, name=name)
         motion = service.model.generate(Audio(samples, name), **options)
         out = path.with_suffix(f".{query.format}")
         formats.export(motion, out, rig=query.rig)

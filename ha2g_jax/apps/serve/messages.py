@@ -25,7 +25,6 @@ _SENTENCES = {  # for the kinds of mistakes of pydantic; those of a value are it
     "json_invalid": 'the text is not JSON; send an object, such as {"muted": true}',
     "model_type": 'the text is no object; send one, such as {"muted": true}',
 }
-_MAX_LETTERS = 200  # of a message about a mistake
 
 State = Literal["auto", "idle", "listen", "think"]
 Message = TypeVar("Message", bound="_Message")
@@ -173,4 +172,4 @@ def one_line(errors: list) -> str:
     what = sentences.get(first["type"]) or first["msg"].replace("Input should be", "expected").removeprefix(
         "Value error, "
     )
-    return shown(f"{where}: {what}" if where else what)[: 2 * _MAX_LETTERS]
+    return shown(f"{where}: {what}" if where else what)

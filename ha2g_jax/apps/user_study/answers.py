@@ -2,7 +2,6 @@
 
 import datetime
 import math
-import os
 import pathlib
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,7 +11,7 @@ import numpy as np
 
 from ha2g_jax.apps.user_study.design import ATTENTION, MISMATCH, RATING, Item, Key
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import check_regular, files_below, read_json, shown
+from ha2g_jax.files.reading import check_regular, files_below, read_json, resolved, shown
 from ha2g_jax.limits import MAX_ANSWER_BYTES, MAX_ANSWER_FILES
 from ha2g_jax.progress import progress_bar
 
@@ -112,7 +111,7 @@ def _files(paths: Sequence[pathlib.Path]) -> list[pathlib.Path]:
         elif not path.exists():
             raise UserError(f"no file or folder at {shown(path)}; give the answer files of a study")
         for each in inside:
-            found.setdefault(pathlib.Path(os.path.realpath(each)), each)  # a link to itself is reported when it is read
+            found.setdefault(resolved(each), each)
     if len(found) > MAX_ANSWER_FILES:
         raise UserError(f"{len(found)} answer files, at most {MAX_ANSWER_FILES} can be analysed together")
     return list(found.values())

@@ -135,8 +135,7 @@ def share(choices: Choices) -> Share:
     first, equal, second = (int((choices.outcome == outcome).sum()) for outcome in (1, 0, -1))
     decided = first + second
     if not decided:
-        none = np.nan
-        return Share(first, equal, second, none, none, none, none, none, none, none, 0.5 if equal else none)
+        return Share(first, equal, second, *[np.nan] * 7, with_half=0.5 if equal else np.nan)
     kept = choices.where(choices.outcome != 0)
     participants, clips = (
         ratio(np.bincount(group, kept.outcome == 1), np.bincount(group)) for group in (kept.participant, kept.clip)

@@ -143,8 +143,8 @@ class _Reader:
             raise self._error(
                 f"a joint with a name of {len(name)} characters, expected at most {limits.MAX_JOINT_NAME}"
             )
-        if len(self._joints) == limits.MAX_BVH_JOINTS:
-            raise self._error(f"more than {limits.MAX_BVH_JOINTS} joints, expected the skeleton of a person")
+        if len(self._joints) == limits.MAX_MOTION_JOINTS:
+            raise self._error(f"more than {limits.MAX_MOTION_JOINTS} joints, expected the skeleton of a person")
         self._joints[name] = parent
         return len(self._joints) - 1
 

@@ -109,8 +109,8 @@ class _File:
         for node in reversed(order if wanted else ()):
             wanted |= {parents[node]} if node in wanted and node in parents else set()
         joints = [node for node in order if node in wanted] if wanted else order
-        if len(joints) >= limits.MAX_BVH_JOINTS:
-            raise ValueError(f"{len(joints)} joints, expected at most {limits.MAX_BVH_JOINTS}")
+        if len(joints) >= limits.MAX_MOTION_JOINTS:
+            raise ValueError(f"{len(joints)} joints, expected at most {limits.MAX_MOTION_JOINTS}")
         return parents, joints
 
     def _name(self, node: int) -> str:

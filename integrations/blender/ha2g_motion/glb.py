@@ -126,10 +126,7 @@ def _times(file: _File, clip: dict[str, Any]) -> np.ndarray:
     inputs = [file.array(index) for index in dict.fromkeys(sampler["input"] for sampler in clip["samplers"])]
     if sum(len(values) for values in inputs) > 2 * checks.MAX_FRAMES:
         raise ValueError("too many times")
-    time = np.unique(np.concatenate(inputs)).astype(float)
-    if time.ndim != 1:
-        raise ValueError("times that are not numbers")
-    return time
+    return np.unique(np.concatenate(inputs)).astype(float)
 
 
 def _joints(tree: dict[str, Any], clip: dict[str, Any], above: dict[int, int]) -> list[int]:

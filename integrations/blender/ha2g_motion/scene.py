@@ -29,7 +29,7 @@ def open_file(path: pathlib.Path) -> dict[str, str]:
         MotionError: there is no such file, or Blender cannot read it.
     """
     if not path.is_file():
-        raise MotionError(f"no character at {path}; give a {', '.join(CHARACTERS)} file")
+        raise MotionError(f"no character at {checks.shown(path)}; give a {', '.join(CHARACTERS)} file")
     suffix = path.suffix.lower()
     if suffix not in CHARACTERS:
         raise MotionError(f"cannot open {checks.shown(path.name)}; expected one of {', '.join(CHARACTERS)}")
@@ -44,7 +44,8 @@ def open_file(path: pathlib.Path) -> dict[str, str]:
             bpy.ops.import_scene.gltf(filepath=str(path))
         return glb.humanoid(path) if suffix in (".glb", ".vrm") else {}
     except (RuntimeError, ValueError, LookupError, TypeError, AttributeError) as error:
-        raise MotionError(f"Blender cannot read {path} ({str(error).strip().splitlines()[-1]})") from error
+        said = str(error).strip().splitlines()[-1]
+        raise MotionError(f"Blender cannot read {checks.shown(path)} ({said})") from error
 
 
 def clear() -> None:
@@ -113,7 +114,7 @@ def check_sound(path: pathlib.Path) -> None:
         MotionError: there is no such file, or Blender cannot read it.
     """
     if not path.is_file():
-        raise MotionError(f"no sound at {path}; give an audio file")
+        raise MotionError(f"no sound at {checks.shown(path)}; give an audio file")
     try:
         _ = aud.Sound(str(path)).specs
     except aud.error as error:
@@ -173,7 +174,7 @@ def write(
     scene = bpy.context.scene
     suffix = path.suffix.lower()
     if suffix not in OUTPUTS:
-        raise MotionError(f"cannot write {path.name}; expected one of {', '.join(OUTPUTS)}")
+        raise MotionError(f"cannot write {checks.shown(path.name)}; expected one of {', '.join(OUTPUTS)}")
     with _whole(path) as temporary:
         if suffix == ".blend":
             bpy.ops.wm.save_as_mainfile(filepath=str(temporary), copy=True, check_existing=False)
@@ -308,6 +309,6 @@ def _whole(path: pathlib.Path) -> Iterator[pathlib.Path]:
         temporary.replace(path)
     except (OSError, RuntimeError) as error:
         reason = str(error).strip().splitlines()[-1]
-        raise MotionError(f"cannot write {path} ({reason}); choose another place") from error
+        raise MotionError(f"cannot write {checks.shown(path)} ({reason}); choose another place") from error
     finally:
         temporary.unlink(missing_ok=True)

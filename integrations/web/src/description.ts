@@ -1,5 +1,7 @@
 /** Description of a model, the file model.json beside model.onnx; its fields are those of the ONNX metadata. */
 
+import { windowColumns } from "./sound/mel.js";
+
 const FORMAT = "ha2g-jax 1";
 
 /** Tree of joints; joint 0 is the root. Metres, y points down, the person's left is +x. */
@@ -113,7 +115,7 @@ export function checkDescription(value: unknown): Description {
   for (const [name, number] of Object.entries(expected)) {
     if (audio?.[name as keyof typeof expected] !== number) throw wrong(`an audio.${name} that is not ${number}`);
   }
-  const columns = Math.trunc((num_frames * 16000) / (fps * 512));
+  const columns = windowColumns(num_frames, fps);
   if (audio.columns !== columns) throw wrong(`an audio.columns that is not ${columns}`);
   if (!isSkeleton(skeleton)) throw wrong("no skeleton");
   const bones = skeleton.bones.length;

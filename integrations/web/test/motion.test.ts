@@ -7,7 +7,7 @@ import { fromEuler, toEuler, type Order } from "../src/motion/euler.js";
 import { Motion } from "../src/motion/motion.js";
 import { LivePoses, localRotations, retarget, type RigName } from "../src/motion/poses.js";
 import { about, angleBetween, between, continuous, rotate, slerp, unit } from "../src/motion/rotations.js";
-import { fit } from "../src/motion/solver/fitting.js";
+import { fit } from "../src/motion/fitting.js";
 import { joined } from "../src/motion/solver/solver.js";
 import { smoothAngle } from "../src/motion/solver/twist.js";
 import { directionOf, makeMotion, SKELETON } from "./fixtures/motion.js";

@@ -3,7 +3,7 @@
 import type { Animation } from "../motion/armature.js";
 import type { Motion } from "../motion/motion.js";
 import { animate } from "../motion/solver/solver.js";
-import { bytesOf, joinBytes } from "./bytes.js";
+import { bytesOf, floatBytes, joinBytes } from "./bytes.js";
 import { readContainer, writeContainer, type Json } from "./container.js";
 
 const FLOAT = 5126;
@@ -97,10 +97,8 @@ class Binary {
 
   /** Stores rows of floating-point numbers, and returns the index of their accessor. */
   addFloats(values: ArrayLike<number>, type: "SCALAR" | "VEC4", bounds: Pick<Accessor, "min" | "max"> = {}): number {
-    const view = new DataView(new ArrayBuffer(4 * values.length));
-    for (let k = 0; k < values.length; k++) view.setFloat32(4 * k, values[k], true);
     const count = type === "VEC4" ? values.length / 4 : values.length;
-    return this.add(new Uint8Array(view.buffer), { componentType: FLOAT, count, type, ...bounds });
+    return this.add(floatBytes(values), { componentType: FLOAT, count, type, ...bounds });
   }
 }
 

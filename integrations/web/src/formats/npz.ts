@@ -1,7 +1,7 @@
 /** The `.npz` file of a motion, which Python's `Motion.load` and every `ha2g` command read. */
 
 import type { Motion } from "../motion/motion.js";
-import { joinBytes } from "./bytes.js";
+import { floatBytes, joinBytes } from "./bytes.js";
 import { writeZip } from "./zip.js";
 
 const ALIGNMENT = 64; // of the data of an array, as NumPy's
@@ -17,8 +17,8 @@ export function writeNpz(motion: Motion): Uint8Array {
   const { joints, bones } = skeleton;
   const meta = JSON.stringify(motion.meta, null, 1);
   return writeZip({
-    "directions.npy": array("<f4", [numFrames, bones.length, 3], floats(motion.directions)),
-    "positions.npy": array("<f4", [numFrames, joints.length, 3], floats(motion.positions())),
+    "directions.npy": array("<f4", [numFrames, bones.length, 3], floatBytes(motion.directions)),
+    "positions.npy": array("<f4", [numFrames, joints.length, 3], floatBytes(motion.positions())),
     "fps.npy": array("<f8", [], doubles([motion.fps])),
     "joint_names.npy": texts(joints, [joints.length]),
     "meta.npy": texts([meta], []),
@@ -41,12 +41,6 @@ function texts(values: string[], shape: number[]): Uint8Array {
   const view = new DataView(new ArrayBuffer(4 * length * values.length));
   points.forEach((letters, row) => letters.forEach((point, k) => view.setUint32(4 * (length * row + k), point, true)));
   return array(`<U${length}`, shape, new Uint8Array(view.buffer));
-}
-
-function floats(values: Float32Array): Uint8Array {
-  const view = new DataView(new ArrayBuffer(4 * values.length));
-  values.forEach((value, k) => view.setFloat32(4 * k, value, true));
-  return new Uint8Array(view.buffer);
 }
 
 function doubles(values: number[]): Uint8Array {

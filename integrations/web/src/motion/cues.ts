@@ -7,7 +7,7 @@ import { copyOf } from "./control/running.js";
 import { type Part, parts } from "./control/parts.js";
 import { minimumJerk } from "./minimum-jerk.js";
 import { fromVector, rotate } from "./rotations.js";
-import { slerp } from "./sphere.js";
+import { angleBetween, slerp } from "./sphere.js";
 
 const MAX_SPEED = 9; // radians per second: the greatest angular speed of a bone that a cue moves
 const PEAK_SPEED = 1.875; // of a minimum-jerk movement, relative to its mean speed
@@ -118,7 +118,7 @@ export class RunningCues {
   /** Returns the angle that a bone turns at most from the present pose to the first one of a gesture. */
   private way(cue: Running, present: Float32Array): number {
     const angles = Object.entries(cue.keys.poses).flatMap(([limb, poses]) => {
-      return this.limbs[limb].map((bone, k) => angle(present.subarray(3 * bone, 3 * bone + 3), poses[0][k]));
+      return this.limbs[limb].map((bone, k) => angleBetween(present.subarray(3 * bone, 3 * bone + 3), poses[0][k]));
     });
     return Math.max(0, ...angles);
   }
@@ -170,7 +170,7 @@ export class RunningCues {
     for (const limb of this.last ? moved : []) {
       for (const bone of this.limbs[limb]) {
         const [from, to] = [this.last!, frame].map((pose) => pose.subarray(3 * bone, 3 * bone + 3));
-        const turned = angle(from, to);
+        const turned = angleBetween(from, to);
         if (turned <= most) continue;
         frame.set(slerp(from, to, most / turned), 3 * bone);
         late.add(limb);
@@ -215,9 +215,3 @@ function place(times: number[], time: number): [before: number, after: number, f
 }
 
 const flat = (pose: number[][]) => Float64Array.from(pose.flat());
-
-/** Returns the angle between unit vectors (3). */
-function angle(first: ArrayLike<number>, second: ArrayLike<number>): number {
-  const along = (sign: number) => Math.hypot(...[0, 1, 2].map((k) => first[k] + sign * second[k]));
-  return 2 * Math.atan2(along(-1), along(1));
-}

@@ -4,7 +4,7 @@ import type { Skeleton } from "../description.js";
 import { normal, noiseTrack } from "../sound/noise.js";
 import { armParts, parts, SIDES } from "./control/parts.js";
 import { minimumJerk } from "./minimum-jerk.js";
-import { cross, fromVector, type Numbers, rotate, unit } from "./rotations.js";
+import { cross, fromVector, type Numbers, radians, rotate, unit } from "./rotations.js";
 
 const SLOWNESS = 1.5; // of the noise, which so changes within three seconds
 const BREATHS = 0.25; // per second
@@ -122,5 +122,3 @@ export class Idle {
     return turn;
   }
 }
-
-const radians = (degrees: number) => (degrees / 180) * Math.PI;

@@ -224,6 +224,11 @@ export function row(rows: Numbers, k: number, size: number): Numbers {
   return rows.subarray(start, start + size);
 }
 
+/** Returns an angle in radians. */
+export function radians(degrees: number): number {
+  return (degrees / 180) * Math.PI;
+}
+
 /** Returns an angle in radians within -pi and pi. */
 export function wrapped(angle: number): number {
   const turn = 2 * Math.PI;

@@ -9,7 +9,7 @@
 const MIN_ANGLE = 1e-4;
 const MAX_ANGLE = Math.PI - 1e-3;
 
-type Vectors = Float64Array | Float32Array;
+type Vectors = ArrayLike<number>;
 
 /**
  * Interpolates between unit vectors on the sphere.
@@ -37,8 +37,8 @@ export function slerp(first: Vectors, second: Vectors, fraction: number): Float6
   return mixed;
 }
 
-/** Returns the angle in radians between the vectors at a place of two arrays. */
-function angleBetween(first: Vectors, second: Vectors, at: number): number {
+/** Returns the angle in radians between the unit vectors at a place of two arrays. */
+export function angleBetween(first: Vectors, second: Vectors, at = 0): number {
   const [x, y, z] = [first[at], first[at + 1], first[at + 2]];
   const [u, v, w] = [second[at], second[at + 1], second[at + 2]];
   return 2 * Math.atan2(Math.hypot(x - u, y - v, z - w), Math.hypot(x + u, y + v, z + w));

@@ -7,7 +7,7 @@ import { armParts, parts, restPose, SIDES } from "./control/parts.js";
 import type { Idle } from "./idle.js";
 import { round } from "../rounding.js";
 import { minimumJerk } from "./minimum-jerk.js";
-import { between, fromVector, type Numbers, rotate, unit } from "./rotations.js";
+import { between, fromVector, type Numbers, radians, rotate, unit } from "./rotations.js";
 import { slerp } from "./sphere.js";
 
 /** What the body does where the agent does not speak; "auto" listens while the other speaks and idles otherwise. */
@@ -229,5 +229,3 @@ class Ease {
 
 // Coefficients 3 to 5 of the curve that is 0 and at rest at the time 1, from those before them.
 const ENDING = [[-10, -6, -3], [15, 8, 3], [-6, -3, -1]];
-
-const radians = (degrees: number) => (degrees / 180) * Math.PI;

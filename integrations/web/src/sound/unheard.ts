@@ -1,13 +1,8 @@
 /** The end of a window that has not been heard yet, as training and a stream hide it. */
 
-import { HOP_LENGTH, NUM_MELS, SAMPLE_RATE, windowColumn } from "./mel.js";
+import { NUM_MELS, windowColumn, windowColumns } from "./mel.js";
 
 const HIDDEN_DB = 0; // in all bands of a hidden column; no sound has the maximum of a clip in every band
-
-/** Returns how many columns of a clip's spectrogram are known when its first `endFrame` frames have been heard. */
-function heardColumns(endFrame: number, fps: number): number {
-  return Math.floor((endFrame * SAMPLE_RATE) / (fps * HOP_LENGTH));
-}
 
 /**
  * Hides the columns of a window that need speech from after its first frames, in place.
@@ -19,7 +14,7 @@ function heardColumns(endFrame: number, fps: number): number {
  */
 export function hideUnheard(mel: Float32Array, startFrame: number, heard: number, fps: number): void {
   const columns = mel.length / NUM_MELS;
-  const known = Math.max(heardColumns(startFrame + heard, fps) - windowColumn(startFrame, fps), 0);
+  const known = Math.max(windowColumns(startFrame + heard, fps) - windowColumn(startFrame, fps), 0);
   for (let band = 0; band < NUM_MELS && known < columns; band++) {
     mel.fill(HIDDEN_DB, band * columns + known, (band + 1) * columns);
   }

@@ -6,8 +6,8 @@
  * hand of the right shape on its arm.
  */
 
+import { fit } from "../fitting.js";
 import { between, conjugate, IDENTITY, multiply, type Numbers, rotate } from "../rotations.js";
-import { commonRotation } from "./common-rotation.js";
 import type { Part } from "./parts.js";
 
 // The rotation of a head or a hand is continued in its direction up to this angle; beyond it the short way is taken.
@@ -38,8 +38,8 @@ export function rotationsFrom(reference: Numbers, directions: ArrayLike<number>,
     const poses = part.bones.map((bone) => track(directions, reference.length, bone));
     if (part.kind === "head" || part.kind === "hand") {
       const references = part.bones.map((bone) => reference.subarray(3 * bone, 3 * bone + 3));
-      const common = commonRotation(references, poses.map((pose) => rotate(conjugate(frame), pose)));
-      rotations.set(keyOf(part.bones), continuous(common));
+      const { fitted } = fit(poses.map((pose) => rotate(conjugate(frame), pose)), references);
+      rotations.set(keyOf(part.bones), continuous(fitted));
       frame = multiply(frame, rotations.get(keyOf(part.bones))!);
     }
     part.bones.forEach((bone, k) => {

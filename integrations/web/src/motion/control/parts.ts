@@ -5,10 +5,10 @@
 
 import type { Skeleton } from "../../description.js";
 import { outward } from "../motion.js";
-import { about, cross, dot, type Numbers, rotate, unit } from "../rotations.js";
+import { about, cross, dot, type Numbers, radians, rotate, unit } from "../rotations.js";
 
 export const SIDES = ["left", "right"] as const;
-const RESTING_FOREARM = (65 / 180) * Math.PI; // from straight down
+const RESTING_FOREARM = radians(65); // from straight down
 
 /** Bones that rotate together. */
 export interface Part {

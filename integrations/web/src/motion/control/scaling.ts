@@ -3,7 +3,7 @@
  * motion, with more beyond the motion.
  */
 
-import { conjugate, multiply, type Numbers, rotate } from "../rotations.js";
+import { conjugate, multiply, type Numbers, radians, rotate } from "../rotations.js";
 import { applyRotations, keyOf, power, type Rotations, rotationsFrom } from "./local-rotations.js";
 import type { Part } from "./parts.js";
 
@@ -115,8 +115,4 @@ function angle(a: Numbers, b: Numbers): number {
   const y = a[2] * b[0] - a[0] * b[2];
   const z = a[0] * b[1] - a[1] * b[0];
   return Math.atan2(Math.hypot(x, y, z), a[0] * b[0] + a[1] * b[1] + a[2] * b[2]);
-}
-
-function radians(degrees: number): number {
-  return (degrees / 180) * Math.PI;
 }

@@ -6,9 +6,9 @@
  * is the mark from which the twist of the arm is observed, and DOWN that of the fingers.
  */
 
+import { fit } from "../fitting.js";
 import { FOUR_FINGERS, LEFT } from "../rest.js";
 import { about, between, conjugate, cross, dot, multiply, norms, rotate, unit, type Numbers } from "../rotations.js";
-import { fit } from "./fitting.js";
 import { applyTwist, observe, plus, swing, type Twists } from "./twist.js";
 
 /** Vectors or rotations over time by the name of a joint. */

@@ -2,10 +2,10 @@
 
 import type { Skeleton } from "../../description.js";
 import { carriers, type Armature } from "../armature.js";
+import { fit } from "../fitting.js";
 import { LEFT, restDirections, UP } from "../rest.js";
 import { between, conjugate, IDENTITY, multiply, rotate, tile, type Numbers } from "../rotations.js";
 import { armFrames, type ByJoint } from "./arms.js";
-import { fit } from "./fitting.js";
 import { applyTwist, observe, plus, swing, type Twists } from "./twist.js";
 
 const FACE = ["nose", "head", "left_eye", "right_eye", "left_ear", "right_ear"];

@@ -95,10 +95,5 @@ function byBone(skeleton: Skeleton, directions: Float32Array): Numbers[] {
 
 /** Returns the rotations of each joint in some frames, and then in others. */
 export function joined(first: Numbers[], second: Numbers[]): Numbers[] {
-  return first.map((joint, index) => {
-    const both = new Float64Array(joint.length + second[index].length);
-    both.set(joint);
-    both.set(second[index], joint.length);
-    return both;
-  });
+  return first.map((joint, index) => Float64Array.from([...joint, ...second[index]]));
 }

@@ -1,8 +1,8 @@
 /** Least-squares fit of a rotation to several directions. */
 
-import { row, type Numbers } from "../rotations.js";
+import { row, type Numbers } from "./rotations.js";
 
-/** Cyclic sweeps of Jacobi's method; a matrix of 4 x 4 needs four or five. */
+/** Cyclic sweeps of Jacobi's method, at most; a matrix of 4 x 4 needs four or five. */
 const SWEEPS = 12;
 /** Below this a number outside of the diagonal is zero; the matrix is of unit vectors. */
 const ZERO = 1e-17;
@@ -16,8 +16,8 @@ const ZERO = 1e-17;
  *
  * @param seen - (T x 3) unit vectors of each observed direction.
  * @param rest - (3,) unit vector of each of the directions at rest.
- * @returns (T x 4) rotations, and (T) certainties from 0, where all directions lie on one line, to 1, where they lie to
- *   each other as at rest.
+ * @returns (T x 4) rotations with w >= 0, and (T) certainties from 0, where all directions lie on one line, to 1, where
+ *   they lie to each other as at rest.
  */
 export function fit(seen: Numbers[], rest: Numbers[]): { fitted: Numbers; certainty: Numbers } {
   const count = seen[0].length / 3;
@@ -26,7 +26,7 @@ export function fit(seen: Numbers[], rest: Numbers[]): { fitted: Numbers; certai
   const spread = largest(davenport(rest, rest)).gap;
   for (let k = 0; k < count; k++) {
     const { vector, gap } = largest(davenport(seen.map((vectors) => row(vectors, k, 3)), rest));
-    fitted.set(vector, 4 * k);
+    fitted.set(vector[3] < 0 ? vector.map((value) => -value) : vector, 4 * k);
     certainty[k] = Math.min(Math.max(gap / spread, 0), 1);
   }
   return { fitted, certainty };
@@ -46,15 +46,17 @@ function largest(matrix: number[][]): { vector: number[]; gap: number } {
   const a = matrix.map((values) => [...values]);
   const vectors = a.map((_, i) => a.map((_, j) => Number(i === j)));
   for (let sweep = 0; sweep < SWEEPS; sweep++) {
-    for (let p = 0; p < 3; p++) for (let q = p + 1; q < 4; q++) eliminate(a, vectors, p, q);
+    let isDone = true;
+    for (let p = 0; p < 3; p++) for (let q = p + 1; q < 4; q++) if (eliminate(a, vectors, p, q)) isDone = false;
+    if (isDone) break;
   }
   const order = [0, 1, 2, 3].sort((i, j) => a[j][j] - a[i][i]);
   return { vector: vectors.map((values) => values[order[0]]), gap: a[order[0]][order[0]] - a[order[1]][order[1]] };
 }
 
-/** Rotates in the plane of p and q so that a[p][q] becomes 0. */
-function eliminate(a: number[][], vectors: number[][], p: number, q: number): void {
-  if (Math.abs(a[p][q]) < ZERO) return;
+/** Rotates in the plane of p and q so that a[p][q] becomes 0, and returns whether it was another number. */
+function eliminate(a: number[][], vectors: number[][], p: number, q: number): boolean {
+  if (Math.abs(a[p][q]) < ZERO) return false;
   const theta = (a[q][q] - a[p][p]) / (2 * a[p][q]);
   const t = (theta < 0 ? -1 : 1) / (Math.abs(theta) + Math.sqrt(theta * theta + 1));
   const c = 1 / Math.sqrt(t * t + 1);
@@ -69,4 +71,5 @@ function eliminate(a: number[][], vectors: number[][], p: number, q: number): vo
     a[p][k] = c * first - s * a[q][k];
     a[q][k] = s * first + c * a[q][k];
   }
+  return true;
 }
