@@ -12,13 +12,14 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from tables.claims import HELD, NOT_HELD, Measured, jackknife_variance
+from tables.claims import HELD, NOT_HELD, Measured
 from tables.factorial import MEASURES, QUESTIONS, SPEAKERS, TABLE, cell_values, effect, judge
 from tables.plan import Request, plan_table
 from tables.tables import RowScores
 
 from ha2g_jax.config.presets import ORACLE
 from ha2g_jax.evaluation.charts import markdown
+from ha2g_jax.metrics.uncertainty import jackknife_variance
 
 FACTORIAL = pathlib.Path(__file__).parent / "factorial-runs" / "small"
 BLOCKS = (2, 4, 8, 16)

@@ -19,6 +19,11 @@ _NOTHING_LOST = "stopped before the first step: nothing was lost; the same comma
 _SOON = 0.1  # seconds until a signal is repeated
 
 
+def signal_name(number: int) -> str:
+    """Return the name of a signal, such as "SIGKILL", or "signal 40" for one without a name."""
+    return signal.Signals(number).name if number in set(signal.Signals) else f"signal {number}"
+
+
 @contextlib.contextmanager
 def on_stop_signals(
     handle: Callable[[int], None],

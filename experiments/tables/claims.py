@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
-from ha2g_jax.metrics.uncertainty import holm
+from ha2g_jax.metrics.uncertainty import holm, jackknife_variance
 
 HELD, NOT_HELD, UNDECIDED, NOTHING_FOUND = "held", "not held", "undecided", "no difference found"
 LEVEL = 0.95  # confidence level of every interval, and of all differences of a table together
@@ -98,12 +98,6 @@ def combine(runs: Sequence[Measured]) -> Mean:
         return Mean(mean, 0.0, num - 1, num)
     freedom = total**2 / (seeds**2 / (num - 1) + groups**2 / max(count - 1, 1))
     return Mean(mean, float(np.sqrt(total)), float(freedom), num)
-
-
-def jackknife_variance(without: np.ndarray) -> float:
-    """Compute the variance of a score due to the groups, from the scores (groups,) without each; 0 if empty."""
-    count = len(without)
-    return float((count - 1) / count * np.sum(np.square(without - without.mean()))) if count else 0.0
 
 
 def interval(mean: Mean, tail: float = 1 - LEVEL) -> Spread:

@@ -10,7 +10,7 @@ from scipy import stats
 from ha2g_jax.config import presets
 from ha2g_jax.config.presets import HOLISTIC, NO_COORDINATOR, ORACLE, OTHER_TEXT
 from ha2g_jax.evaluation.charts import markdown, number
-from ha2g_jax.metrics.uncertainty import holm
+from ha2g_jax.metrics.uncertainty import holm, jackknife_variance
 from tables.claims import (
     HELD,
     LEVEL,
@@ -20,7 +20,6 @@ from tables.claims import (
     Spread,
     combine,
     interval,
-    jackknife_variance,
     over_seeds,
     t_test,
     with_freedom_of_seeds,

@@ -12,6 +12,7 @@ import numpy as np
 import ha2g_jax
 from ha2g_jax import metrics
 from ha2g_jax.evaluation.charts import Mark, markdown, number
+from ha2g_jax.progress import counted
 from tables.claims import LEVEL, Measured, Spread, interval, over_seeds, paired
 from tables.curves import Panel, curve_chart
 from tables.paper_tables import EQUAL, TABLE_12, THRESHOLDS, WITHOUT_GAN
@@ -188,7 +189,7 @@ def caveats(results: Results) -> list[str]:
     if request.size == "debug":
         found.append("The debug size shows that everything runs; its numbers say nothing about the methods.")
     if (seeds := len(request.seeds)) < 3:
-        found.append(f"{seeds} seed{'s' if seeds > 1 else ''} a row: too few to decide anything.")
+        found.append(f"{counted(seeds, 'seed')} a row: too few to decide anything.")
     if request.table == "table11":
         found.append("Three of the scored frames of each clip, 4 to 6, are given to M = 7.")
     budgets = {run.config["train"]["steps"] * run.config["train"]["batch_size"] for run in runs}

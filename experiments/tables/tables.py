@@ -9,10 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ha2g_jax.evaluation.charts import markdown, number
+from ha2g_jax.metrics.sanity import MISMATCHED, TRUTH
 from tables.claims import HELD, NOT_HELD, Claim, Measured, Spread, Verdict, judge, over_seeds, paired
 from tables.paper_tables import GROUND_TRUTH, TABLE_12, Row, Table
 
-MODEL, TRUTH = "model", "ground truth"
+MODEL = "model"
 
 Scores = Mapping[str, Any]  # of one run, as `scores.score_run` stores them
 RowScores = Mapping[str, Mapping[int, Scores]]  # name of a row -> seed -> scores
@@ -38,7 +39,7 @@ SHOWN_ON_TALK = {
     "talk.above_floor": "words above floor",
     "talk.style_handedness": "handedness r",
 }
-_MISMATCHED, _TEACHER = "mismatched speech", "teacher"
+_TEACHER = "teacher"
 _HEAD = ("kind", "split", "row", "metric", "value", "low", "high", "clips_low", "clips_high", "p", "verdict", "seeds")
 
 
@@ -298,19 +299,19 @@ def other_rows(table: Table, scores: RowScores, split: str) -> list[tuple[str, s
     rows = [(name, name, any_row(scores)) for name in result["evaluation"]["rows"] if name not in (MODEL, TRUTH)]
     if "talk" in result:
         rows.append((_TEACHER, _TEACHER, any_row(scores)))
-        rows.append((_performed(table), _MISMATCHED, scores.get(table.reference) or any_row(scores)))
+        rows.append((_performed(table), MISMATCHED, scores.get(table.reference) or any_row(scores)))
     return rows
 
 
 def _performed(table: Table) -> str:
-    return f"{table.reference}, {_MISMATCHED}"
+    return f"{table.reference}, {MISMATCHED}"
 
 
 def _measured(title: str, metrics: Iterable[str]) -> list[str]:
     """Return the metrics of a row of `other_rows`."""
-    if title == _MISMATCHED:
+    if title == MISMATCHED:
         return [metric for metric in metrics if not metric.startswith("talk.")]
-    if title.endswith(f", {_MISMATCHED}"):
+    if title.endswith(f", {MISMATCHED}"):
         return [metric for metric in metrics if metric.startswith("talk.")]
     return list(metrics)
 

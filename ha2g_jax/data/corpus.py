@@ -144,12 +144,8 @@ class Corpus:
             for shard in (shard for entry in metadata["splits"].values() for shard in entry["shards"]):
                 _check_size(path / shard["name"], shard["bytes"])
             corpus = cls(path, metadata)
-            _ = (
-                corpus.skeleton,
-                float(corpus.fps),
-                corpus.speakers,
-                dict(metadata["words"]),
-            )  # each raises if it is missing
+            # Each raises if it is missing.
+            _ = corpus.skeleton, float(corpus.fps), corpus.speakers, dict(metadata["words"])
             _ = [(entry["clips"], entry["windows"], entry["speakers"]) for entry in metadata["splits"].values()]
         return corpus
 
@@ -174,6 +170,11 @@ class Corpus:
         statistics = self.metadata["statistics"]
         arrays: dict[str, Any] = {name: np.array(values, np.float32) for name, values in statistics.items()}
         return dataclasses.replace(load_skeleton(self.metadata["skeleton"]), **arrays)
+
+    @property
+    def num_clips(self) -> int:
+        """Number of clips of all splits."""
+        return sum(entry["clips"] for entry in self.metadata["splits"].values())
 
     def has_clips(self, split: str) -> bool:
         """Return whether the corpus has this split and the split has a clip."""

@@ -116,7 +116,7 @@ class WindowFilters(NamedTuple):
         max_mean_spine_angle: maximum of the mean over the frames of that angle, in degrees.
         min_wrist_variance: minimum variance of a wrist's position, in square metres; a window fails if both wrists are
             below it.
-        stride: time between the starts of two windows.
+        num_frames, stride: length of a window, and distance between the starts of two.
     """
 
     min_words: int | None = 2

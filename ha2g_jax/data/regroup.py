@@ -13,14 +13,13 @@ from typing import Any, NamedTuple, cast
 import msgpack
 import numpy as np
 
-from ha2g_jax.data import recording, records
 from ha2g_jax.data.corpus import FILE, Clips, Corpus
 from ha2g_jax.data.corpus_writer import CorpusWriter
-from ha2g_jax.data.recording import Report, SplitReport
+from ha2g_jax.data.recording import Report, SplitReport, report_as_json, report_from_json
 from ha2g_jax.data.records import STORED_NAMES
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import file_sha256, resolved, shown
-from ha2g_jax.progress import progress_bar, track
+from ha2g_jax.progress import counted, progress_bar, track
 
 # Entries that `CorpusWriter` adds to the description of a corpus.
 _WRITTEN = ("schema_version", "skeleton", "fps", "speakers", "splits", "statistics", "words")
@@ -55,7 +54,7 @@ def merge(paths: Sequence[str | os.PathLike], dst: str | os.PathLike, *, same_sp
     skeleton, fps = corpora[0].skeleton.name, corpora[0].fps
     with (
         CorpusWriter(dst, splits=splits, skeleton=skeleton, fps=fps, metadata=_metadata(corpora, dst)) as writer,
-        progress_bar("merging", sum(map(_count, corpora)), "clip") as bar,
+        progress_bar("merging", sum(corpus.num_clips for corpus in corpora), "clip") as bar,
     ):
         for split in splits:
             for corpus, new_names in zip(corpora, names, strict=True):
@@ -155,7 +154,7 @@ def _renamed(clips: Clips, index: int, new_names: dict[str, dict[str, str]]) -> 
 
 def _metadata(corpora: list[Corpus], dst: str | os.PathLike) -> dict[str, Any]:
     described = [description(corpus) for corpus in corpora]
-    reports = [recording.report_from_json(corpus.metadata.get("import", {})) for corpus in corpora]
+    reports = [report_from_json(corpus.metadata.get("import", {})) for corpus in corpora]
     splits = dict.fromkeys(split for report in reports for split in report)
     added: Report = {
         split: functools.reduce(operator.add, (report[split] for report in reports if split in report), SplitReport())
@@ -169,7 +168,7 @@ def _metadata(corpora: list[Corpus], dst: str | os.PathLike) -> dict[str, Any]:
         "name": pathlib.Path(dst).name,
         "source": _joined(text.get("source") for text in described),
         "licence": _licence({part["folder"]: str(part["licence"]) for part in merged}),
-        "import": recording.report_as_json(added),
+        "import": report_as_json(added),
         "merged": merged,
     }
 
@@ -202,14 +201,11 @@ def _joined(texts: Iterable[Any]) -> str:
     return _SEPARATOR.join(dict.fromkeys(parts))
 
 
-def _records(corpus: Corpus, split: str) -> Iterable[tuple[Clips, int]]:
+def _records(corpus: Corpus, split: str) -> Iterator[tuple[Clips, int]]:
     if split in corpus.splits:
         clips = corpus.clips(split)
-        yield from ((clips, index) for index in range(len(clips)))
-
-
-def _count(corpus: Corpus) -> int:
-    return sum(entry["clips"] for entry in corpus.metadata["splits"].values())
+        for index in range(len(clips)):
+            yield clips, index
 
 
 class _Member(NamedTuple):
@@ -252,12 +248,12 @@ def divide(
         seconds[member.unit] += member.seconds
     if len(seconds) < len(fractions):
         raise UserError(
-            f"{corpus.path} has {len(seconds)} {by}{'s' * (len(seconds) != 1)}, too few for {len(fractions)} splits "
+            f"{corpus.path} has {counted(len(seconds), by)}, too few for {len(fractions)} splits "
             f"({', '.join(fractions)}); give 0 for a split{' or divide by recording' if by == 'speaker' else ''}"
         )
     split_of = assign(seconds, fractions, seed)
     # On disk, a unit has the name of the field of a record.
-    made = {"by": records.STORED_NAMES.get(by, by), "shares": fractions, "seed": seed}
+    made = {"by": STORED_NAMES.get(by, by), "shares": fractions, "seed": seed}
     metadata = {**description(corpus), "division": made}
     clips = {split: corpus.clips(split) for split in corpus.splits}
     with (
@@ -276,7 +272,7 @@ def divide(
 def _members(corpus: Corpus, by: str) -> list[_Member]:
     members: list[_Member] = []
     speakers: dict[str, str] = {}
-    with progress_bar("reading the corpus", _count(corpus), "clip") as bar:
+    with progress_bar("reading the corpus", corpus.num_clips, "clip") as bar:
         for split in corpus.splits:
             clips = corpus.clips(split)
             for index in range(len(clips)):

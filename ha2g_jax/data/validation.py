@@ -49,8 +49,7 @@ def examine(path: str | os.PathLike) -> Verdict:
     """
     corpus = Corpus.open(path)
     findings, tally = [*_damaged_shards(corpus)], _Tally(corpus)
-    total = sum(entry["clips"] for entry in corpus.metadata["splits"].values())
-    with progress_bar("checking clips", total, "clip") as bar:
+    with progress_bar("checking clips", corpus.num_clips, "clip") as bar:
         for split in corpus.splits:
             for shard in corpus.metadata["splits"][split]["shards"]:
                 try:  # one shard at a time, so that the others are checked if one is damaged

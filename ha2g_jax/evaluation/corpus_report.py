@@ -18,9 +18,16 @@ from PIL import Image
 from scipy import ndimage, signal
 
 from ha2g_jax import figure
-from ha2g_jax.data import recording as filters
 from ha2g_jax.data.corpus import TRAIN, Corpus
-from ha2g_jax.data.recording import OF_CLIPS, SplitReport, report_from_json
+from ha2g_jax.data.recording import (
+    MEAN_POSE,
+    MOTION,
+    OF_CLIPS,
+    SPINE_ANGLE,
+    TOO_FEW_WORDS,
+    SplitReport,
+    report_from_json,
+)
 from ha2g_jax.data.records import Clip
 from ha2g_jax.data.talk.speakers import Style, look_of
 from ha2g_jax.errors import UserError
@@ -65,10 +72,10 @@ _TABLE_10 = (
     "deviation. The statistics that were published with the data differ.</p>"
 )
 _REASONS = {
-    filters.TOO_FEW_WORDS: "too few words",
-    filters.MEAN_POSE: "near the mean pose, to which an estimator falls back",
-    filters.SPINE_ANGLE: "spine tilted",
-    filters.MOTION: "both wrists almost still",
+    TOO_FEW_WORDS: "too few words",
+    MEAN_POSE: "near the mean pose, to which an estimator falls back",
+    SPINE_ANGLE: "spine tilted",
+    MOTION: "both wrists almost still",
 }
 
 

@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ha2g_jax.data import recording
 from ha2g_jax.data.corpus import TRAIN, Corpus
-from ha2g_jax.data.recording import seen
+from ha2g_jax.data.recording import report_as_table, report_from_json, seen
 from ha2g_jax.data.records import WINDOW_FRAMES, frames_at
 from ha2g_jax.files.reading import resolved
 from ha2g_jax.progress import progress_bar
@@ -65,8 +64,7 @@ def summarise(path: str | os.PathLike) -> dict[str, Any]:
     motion, total = TrainingMotion(corpus.skeleton, corpus.fps), _Counts(corpus)
     counts = {split: _Counts(corpus) for split in corpus.splits}
     lengths, paces = [], []
-    num_clips = sum(entry["clips"] for entry in corpus.metadata["splits"].values())
-    with progress_bar("reading the corpus", num_clips, "clip") as bar:
+    with progress_bar("reading the corpus", corpus.num_clips, "clip") as bar:
         for split in corpus.splits:
             clips = corpus.clips(split)
             for index in range(len(clips)):
@@ -107,7 +105,7 @@ def as_table(summary: dict[str, Any]) -> str:
         *_motion_blocks(summary["training"] or {}),
     ]
     if summary["import"]:
-        blocks.append(["import", recording.report_as_table(recording.report_from_json(summary["import"]))])
+        blocks.append(["import", report_as_table(report_from_json(summary["import"]))])
     return "\n\n".join("\n".join(block) for block in blocks)
 
 

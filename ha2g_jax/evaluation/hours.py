@@ -5,8 +5,9 @@ from typing import Any, NamedTuple
 
 from ha2g_jax.config import presets
 from ha2g_jax.config.settings import Config
-from ha2g_jax.data.corpus import Corpus, corpus_folder
+from ha2g_jax.data.corpus import corpus_folder
 from ha2g_jax.evaluation.charts import markdown
+from ha2g_jax.evaluation.scoring import TEST_SPLITS
 from ha2g_jax.progress import stage
 from ha2g_jax.train import inputs
 from ha2g_jax.train.measure import TimedStep
@@ -46,7 +47,8 @@ def predict(config: Config, steps: int) -> tuple[RunTime, float]:
     windows, test = _SEGMENTS[config.skeleton] // 10, _HOURS[config.skeleton] / 10
     if corpus is not None:
         held_out = inputs.open_validation(config, step.objective.spec, corpus)
-        windows, test = 0 if held_out is None else len(held_out), _hours_of_test(corpus)
+        windows = 0 if held_out is None else len(held_out)
+        test = sum(entry["seconds"] for name, entry in corpus.metadata["splits"].items() if name in TEST_SPLITS) / 3600
     size = min(config.train.batch_size, windows)
     compiling, batch = step.validate() if size else (0.0, 0.0)
     passes = -(-config.train.steps // config.train.validate_every)
@@ -56,12 +58,6 @@ def predict(config: Config, steps: int) -> tuple[RunTime, float]:
     scoring = 0.0 if config.method == AUTOENCODER else test * (generating + _SCORING)
     training, compiling = config.train.steps * seconds, step.compile_seconds + compiling
     return RunTime(initialising, compiling, training, validating, scoring), seconds
-
-
-def _hours_of_test(corpus: Corpus) -> float:
-    clips = [corpus.clips(split) for split in ("test", "test_unseen_speakers") if split in corpus.splits]
-    frames = sum(len(each.fields(index)["positions"]) for each in clips for index in range(len(each)))
-    return frames / corpus.fps / 3600
 
 
 def table1(specs: Sequence[str], steps: int, seeds: int) -> list[dict[str, Any]]:

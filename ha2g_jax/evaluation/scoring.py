@@ -109,7 +109,6 @@ def evaluate_checkpoint(
     splits: Sequence[str] | None = None,
     autoencoder: str | os.PathLike | None = None,
     legacy: bool = False,
-    limit: int | None = None,
     look_ahead: int | None = None,
     seed: int = 0,
 ) -> dict[str, Any]:
@@ -121,7 +120,6 @@ def evaluate_checkpoint(
         splits: splits to score; by default those of `TEST_SPLITS` that have a clip, or else "val". Of the training
             split as many clips are scored as the largest other split has.
         autoencoder: workdir or folder of a pose auto-encoder, for FGD and diversity.
-        limit: greatest number of clips of each split, drawn at random; all by default.
         look_ahead: frames of speech that are heard beyond each frame, as in a stream; by default the whole clip.
 
     Returns:
@@ -143,8 +141,6 @@ def evaluate_checkpoint(
     if legacy:
         check_rate(corpus.fps)
     limits = split_limits(corpus, _choose_splits(corpus) if splits is None else splits)
-    if limit is not None:
-        limits = {name: limit if most is None else min(limit, most) for name, most in limits.items()}
     training = None
     if corpus.has_clips(TRAIN):
         training = training_motion(corpus, limit=_TRAINING_CLIPS, seed=seed)

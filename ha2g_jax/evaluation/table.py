@@ -125,7 +125,7 @@ def _cell(score: Mapping[str, float | None] | None, metric: Metric) -> str:
     if score is None or score["value"] is None:
         return "-"
     value, low, high = score["value"], score["low"], score["high"]
-    text = f"{_rounded(value, metric.digits)}"
+    text = _rounded(value, metric.digits)
     deviation = score.get("sd")
     if deviation is not None:
         text += f" ±{_rounded(deviation, metric.digits)}"

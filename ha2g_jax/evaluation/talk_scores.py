@@ -18,7 +18,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation import talk_takes
 from ha2g_jax.evaluation.clip_result import ClipResult, check_fit, clip_identity, generate_clip, in_threads, sample
 from ha2g_jax.evaluation.evaluate import score_as_json
-from ha2g_jax.evaluation.talk_takes import MODEL, STILL, TEACHER, compare_takes
+from ha2g_jax.evaluation.talk_takes import MODEL, TEACHER, compare_takes
 from ha2g_jax.evaluation.word_probe import MAX_PROBE_CLIPS, probe_words
 from ha2g_jax.metrics.beats.strokes import TOLERANCE, match, stroke_beats, wrist_positions
 from ha2g_jax.metrics.causes import (
@@ -29,13 +29,14 @@ from ha2g_jax.metrics.causes import (
     movement,
     shown_flexions,
 )
+from ha2g_jax.metrics.sanity import MEAN_POSE, MISMATCHED
 from ha2g_jax.metrics.uncertainty import Estimate, jackknife
 from ha2g_jax.progress import progress_bar
 from ha2g_jax.skeleton import Skeleton, positions_to_directions
 from ha2g_jax.synthesis import Model
 from ha2g_jax.synthesis.style import later_seed
 
-WORDLESS, MISMATCHED, MAJORITY, SHUFFLED = "model, no words", "mismatched speech", "majority", "shuffled"
+WORDLESS, MAJORITY, SHUFFLED = "model, no words", "majority", "shuffled"
 CLAIMED = ("beat_f1_gain", "finger_correlation")  # metrics of claims, which are also measured without each speaker
 MISMATCHES = 5  # number of motions for other clips from which the floor of a clip is computed
 
@@ -165,7 +166,7 @@ def _score_split(
     progress: tqdm,
 ) -> dict[str, Any]:
     skeleton, fps, first_frame = corpus.skeleton, corpus.fps, model.spec.num_seed_frames
-    trials: dict[str, list[Trial]] = {name: [] for name in (MODEL, WORDLESS, TEACHER, STILL)}
+    trials: dict[str, list[Trial]] = {name: [] for name in (MODEL, WORDLESS, TEACHER, MEAN_POSE)}
 
     def add(name: str, truth: Truth, directions: np.ndarray) -> None:
         trials[name].append(Trial(truth, observe(skeleton, directions, fps)))
@@ -182,7 +183,7 @@ def _score_split(
         if model.reads_words:
             add(WORDLESS, truth, generate(index, has_words=False))
         add(TEACHER, truth, talk_takes.teach(skeleton, clips[index], [seed, index], fps))
-        add(STILL, truth, np.broadcast_to(skeleton.mean_directions, directions.shape))
+        add(MEAN_POSE, truth, np.broadcast_to(skeleton.mean_directions, directions.shape))
         progress.update()
     made = {name: cause_row(row, fps, first_frame) for name, row in trials.items() if row}
     made |= rows_with_chance(trials[MODEL], fps, first_frame, seed)

@@ -11,12 +11,13 @@ from ha2g_jax.data.talk import teacher
 from ha2g_jax.data.talk.speakers import Style
 from ha2g_jax.evaluation.clip_result import clip_identity, generate_clip, in_threads
 from ha2g_jax.metrics.beats.strokes import wrist_positions
+from ha2g_jax.metrics.sanity import MEAN_POSE
 from ha2g_jax.metrics.takes import TakeDistances, take_distances
 from ha2g_jax.skeleton import Skeleton, positions_to_directions
 from ha2g_jax.synthesis import Model
 from ha2g_jax.synthesis.style import later_seed
 
-MODEL, TEACHER, ONE_TAKE, STILL = "model", "teacher", "teacher, one take", "mean pose"
+MODEL, TEACHER, ONE_TAKE = "model", "teacher", "teacher, one take"
 MAX_CLIPS = 8  # clips of a split
 TEACHER_TAKES, MODEL_TAKES = 20, 8
 
@@ -45,7 +46,7 @@ def compare_takes(
             (MODEL, own, true),
             (TEACHER, true[:MODEL_TAKES], true[MODEL_TAKES:]),
             (ONE_TAKE, true[:1], true[1:]),
-            (STILL, still, true),
+            (MEAN_POSE, still, true),
         ):
             found.setdefault(name, []).append(take_distances(takes, others))
         progress.update()

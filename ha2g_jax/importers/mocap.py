@@ -12,11 +12,10 @@ from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 
-from ha2g_jax.data import recording, records
 from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.processes import parallel_map
-from ha2g_jax.data.recording import MOCAP, UNUSABLE, Recording, Report, SplitReport, cut, to_clips
-from ha2g_jax.data.records import Clip
+from ha2g_jax.data.recording import MOCAP, UNUSABLE, Recording, Report, SplitReport, cut, report_as_json, to_clips
+from ha2g_jax.data.records import Clip, encode_clip
 from ha2g_jax.errors import UserError
 from ha2g_jax.features import words as transcripts
 from ha2g_jax.files.reading import files_below, resolved, shown
@@ -259,7 +258,7 @@ def _import_files(
                 f"{shown(place)} has no usable window (left out: {reasons}); give longer or livelier recordings"
             )
         report = {options.split: total}
-        writer.metadata |= {"motion": dict(sorted(descriptions.items())), "import": recording.report_as_json(report)}
+        writer.metadata |= {"motion": dict(sorted(descriptions.items())), "import": report_as_json(report)}
     return report
 
 
@@ -285,7 +284,7 @@ def _import_file(
         new, counts = to_clips(part, skeleton, fps=options.fps, filters=filters, first=report.clips)
         clips, report = clips + new, report + counts
     report.videos = 1
-    return _Result([records.encode_clip(clip) for clip in clips], report, motion.description, warning)
+    return _Result([encode_clip(clip) for clip in clips], report, motion.description, warning)
 
 
 def _failed(error: str) -> _Result:

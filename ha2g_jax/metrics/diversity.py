@@ -98,7 +98,7 @@ def row_draws(row: Row) -> Draws | None:
     latents = row.once(row_latents)
     if latents is None:
         return None
-    return diversity(latents.latents, latents.members, num_pairs=NUM_PAIRS, seed=row.reference.seed)
+    return diversity(latents.latents, latents.members, seed=row.reference.seed)
 
 
 def _draws(index: int) -> Callable[[Row], np.ndarray | None]:

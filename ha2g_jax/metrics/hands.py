@@ -40,7 +40,7 @@ class UpperBody(NamedTuple):
         """Speeds (T - 1, 2) of the wrists in m/s."""
         return np.linalg.norm(np.diff(self.wrists, axis=0), axis=-1) * self.fps
 
-    def cut(self, start: int, end: int | None = None) -> "UpperBody":
+    def cut(self, start: int, end: int) -> "UpperBody":
         """Return the frames from `start` to `end`."""
         wrists, shoulders, trunk, head, fps = self
         return UpperBody(wrists[start:end], shoulders[start:end], trunk[start:end], head[start:end], fps)

@@ -123,15 +123,15 @@ def _sums(row: Row) -> np.ndarray:
     sums = np.zeros((2, 2, row.reference.num_recordings))
     for directions, borders, member in zip(row.directions, row.borders, row.members, strict=True):
         if len(borders):
-            jumps = stretch_jumps(directions, row.reference.fps, first_frame=SEED_FRAMES)
-            for group in border_groups(jumps, np.sort(borders)):
+            jumps = stretch_jumps(directions, row.reference.fps)
+            for group in border_groups(jumps, borders):
                 sums[0, :, member] += group[0]
                 sums[1, :, member] += group[1:].mean(axis=0)
     return sums
 
 
 def _test(row: Row) -> SeamScore:
-    return seam_score(row.directions, row.borders, row.reference.fps, first_frame=SEED_FRAMES, seed=row.reference.seed)
+    return seam_score(row.directions, row.borders, row.reference.fps, seed=row.reference.seed)
 
 
 def _ratio(kind: int) -> Callable[[Row], Statistic | None]:

@@ -82,8 +82,13 @@ def jackknife(samples: np.ndarray, statistic: Callable[[np.ndarray], float], clu
     if len(labels) < 2:
         return Estimate(value, np.nan)
     parts = np.array([statistic(samples[clusters != label]) for label in labels])
-    variance = (len(labels) - 1) / len(labels) * np.sum(np.square(parts - parts.mean()))
-    return Estimate(value, float(np.sqrt(variance)))
+    return Estimate(value, float(np.sqrt(jackknife_variance(parts))))
+
+
+def jackknife_variance(without: np.ndarray) -> float:
+    """Compute the variance of a score due to the clusters, from the scores (G,) without each; 0 if empty."""
+    count = len(without)
+    return float((count - 1) / count * np.sum(np.square(without - without.mean()))) if count else 0.0
 
 
 def holm(p_values: Sequence[float]) -> list[float]:

@@ -21,7 +21,7 @@ SECONDS = 50
 
 def score(audio: np.ndarray, wrists: np.ndarray) -> dict:
     still = np.ones((len(wrists), 3))
-    row = strokes.recording_row(audio, UpperBody(wrists, wrists, still, still, 15))
+    row = strokes.recording_row(audio, UpperBody(wrists, wrists, still, still, 15), 4)
     return {name.removeprefix("recording_"): score_as_json(found) for name, found in measure(row, "recording").items()}
 
 

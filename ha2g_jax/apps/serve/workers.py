@@ -137,7 +137,7 @@ class Child:
         code = await self.end()
         if error is not None:
             raise UserError(error)
-        how = f"was ended by {signal.Signals(-code).name}" if code < 0 else f"has ended with code {code}"
+        how = f"was ended by {signal_name(-code)}" if code < 0 else f"has ended with code {code}"
         return f"worker {self._process.pid} {how}"
 
     def signal(self, number: int) -> None:

@@ -46,6 +46,11 @@ class Style(NamedTuple):
     elbow: float = 0.0
     curl: float = 0.0
 
+    @property
+    def dominant(self) -> int:
+        """Index of the hand that does more, 0 left or 1 right."""
+        return int(self.handedness >= 0)
+
 
 def sample_style(rng: np.random.Generator) -> Style:
     """Draw a style: uniform in [-1, 1], but two of three speakers are right-handed and none is ambidextrous."""

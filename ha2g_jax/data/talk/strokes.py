@@ -11,9 +11,9 @@ import numpy.typing as npt
 from scipy import ndimage, signal
 
 from ha2g_jax.data.talk import lexicon
+from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.text import Word
 
-SAMPLE_RATE = 16000
 RATE = 100  # cues per second
 
 _WINDOW, _HOP, _FFT = 640, SAMPLE_RATE // RATE, 1280
@@ -99,7 +99,7 @@ def _pauses(loudness: np.ndarray) -> np.ndarray:
     """Return the starts and ends of the silences between the first and the last sound."""
     speaking = ndimage.gaussian_filter1d((loudness > 0.12).astype(float), 0.03 * RATE) > 0.5
     edges = np.flatnonzero(np.diff(speaking.astype(int)))
-    ends_of_sound = edges[: len(edges)][~speaking[edges + 1]]
+    ends_of_sound = edges[~speaking[edges + 1]]
     starts_of_sound = edges[speaking[edges + 1]]
     pauses = [
         (start, later[0])

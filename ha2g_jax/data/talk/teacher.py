@@ -24,6 +24,7 @@ from ha2g_jax.data.records import Stroke
 from ha2g_jax.data.talk import lexicon, strokes
 from ha2g_jax.data.talk.speakers import Style
 from ha2g_jax.data.talk.stances import ARM, REST, arm_track, draw_stances, hand_gains, plan_moves
+from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.text import Word
 
 SKELETON = "ted_expressive"
@@ -62,7 +63,7 @@ def perform(
     audio gives rest.
     """
     skeleton = skeletons.load_skeleton(SKELETON)
-    num_frames = round(len(audio) / strokes.SAMPLE_RATE * fps)
+    num_frames = round(len(audio) / SAMPLE_RATE * fps)
     body, performed = _compose(skeleton, audio, words, style, rng)
     moments = np.arange(num_frames) / fps * _RATE
     body = anatomy.Body(*(_sample(angles, moments) for angles in body))
@@ -79,7 +80,7 @@ def _rounded(stroke: Stroke) -> Stroke:
 
 def _compose(skeleton, audio, words, style, rng) -> tuple[anatomy.Body, list[Stroke]]:
     found = strokes.find_cues(audio)
-    times = np.arange(int(np.ceil(len(audio) / strokes.SAMPLE_RATE * _RATE)) + 2) / _RATE
+    times = np.arange(int(np.ceil(len(audio) / SAMPLE_RATE * _RATE)) + 2) / _RATE
     latency = strokes.LATENCY * style.latency + _JITTER * rng.standard_normal()
     stance_rng, beat_rng, sway_rng = rng.spawn(3)
     beats = strokes.plan_beats(found, latency)
@@ -134,9 +135,8 @@ def _arms(
         hand = "both" if made.all() else names[int(made[1])]
         size = float(offset[:, 1].max() / _AVERAGE_BEAT)
         performed.append(Stroke(beat.hit, beat.apex - 0.2, beat.hit + 0.08, "beat", hand, size, ""))
-    dominant = names[int(style.handedness >= 0)]
     for gesture in gestures:
-        hand = "both" if lexicon.ARM_PATHS[gesture.word_class].both else dominant
+        hand = "both" if lexicon.ARM_PATHS[gesture.word_class].both else names[style.dominant]
         performed.append(Stroke(gesture.peak, gesture.start, gesture.end, "semantic", hand, 1.0, gesture.word_class))
     return angles, performed
 
@@ -167,21 +167,24 @@ def _beat_offsets(found, beats, stances, style, rng) -> tuple[np.ndarray, np.nda
     direction[..., 2] = 0.3
     spread = np.array([1.0, 0.0, 1.0])
     direction += spread * (0.4 * rng.standard_normal((len(beats), 1, 3)) + 0.28 * rng.standard_normal(direction.shape))
-    dominant = int(style.handedness >= 0)
     hands = np.ones((len(beats), 2), bool)
     for beat, stance, made in zip(beats, of_beats, hands, strict=True):
         if stance.pattern == "turns":
-            made[dominant if beat.pitch <= _LOW_PITCH else 1 - dominant] = False
+            made[style.dominant if beat.pitch <= _LOW_PITCH else 1 - style.dominant] = False
         elif stance.pattern == "one":
-            made[1 - (dominant if stance.hand == "both" else int(stance.hand == "right"))] = False
+            made[1 - (style.dominant if stance.hand == "both" else int(stance.hand == "right"))] = False
     gains = hand_gains(style) * np.where(hands, 1.0, 0.35) * rng.lognormal(-0.05, 0.4, hands.shape)
     heights = np.clip(height, 0.02, 0.16)[:, None] * gains
     return heights[..., None] * np.clip(direction, -1.2, 1.2), hands
 
 
+def _of_side(gestures, style, side) -> list[strokes.WordGesture]:
+    """Return the gestures in which an arm takes part."""
+    return [each for each in gestures if side == style.dominant or lexicon.ARM_PATHS[each.word_class].both]
+
+
 def _blend_gestures(arm, times, gestures, style, side) -> np.ndarray:
-    dominant = int(style.handedness >= 0)
-    mine = [gesture for gesture in gestures if side == dominant or lexicon.ARM_PATHS[gesture.word_class].both]
+    mine = _of_side(gestures, style, side)
     if not mine:
         return arm
     paths = [lexicon.ARM_PATHS[gesture.word_class] for gesture in mine]
@@ -245,10 +248,8 @@ def _fingers(times, gestures, style) -> np.ndarray:
     """Compute the flexions (T, 2, 5) of the fingers: the style's rest pose, and the shape of each word's class."""
     rest = np.array([0.40, 0.44, 0.44, 0.42, 0.36]) + 0.13 * style.curl
     fingers = np.tile(rest, (len(times), 2, 1))
-    dominant = int(style.handedness >= 0)
     for side in range(2):
-        mine = [gesture for gesture in gestures if side == dominant or lexicon.ARM_PATHS[gesture.word_class].both]
-        if mine:
+        if mine := _of_side(gestures, style, side):
             shapes = [anatomy.HAND_SHAPES[gesture.word_class] for gesture in mine]
             keys, value = strokes.gesture_keys(mine, shapes, shapes)
             weight = strokes.track(times, keys)[:, None]

@@ -6,8 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ha2g_jax.data import recording
-from ha2g_jax.data.recording import SplitReport
+from ha2g_jax.data.recording import DAMAGED, NO_WINDOW, TOO_SHORT, SplitReport, choose_windows
 from ha2g_jax.data.records import Clip, encode_clip
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
@@ -70,18 +69,18 @@ def read_clips(video: Any, skeleton: Skeleton, name: str) -> VideoClips:
         try:
             raw = _check(fields, skeleton, f"{name}, clip {index}")
         except _DamagedClipError as error:
-            report.rejected[recording.DAMAGED] += 1
+            report.rejected[DAMAGED] += 1
             damaged.append(f"{name}, clip {index}: {error}; left out")
             continue
         positions = resample(raw.poses, raw.end - raw.start)
-        choice = recording.choose_windows(positions, raw.words, skeleton, start_time=raw.start)
+        choice = choose_windows(positions, raw.words, skeleton, start_time=raw.start)
         report.windows += len(choice.verdicts)
         report.kept += len(choice.starts)
         report.filtered.update(choice.filtered)
         if choice.starts:
             made.append(encode_clip(_make_clip(video["vid"], raw, positions, choice.starts)))
         else:
-            report.rejected[recording.NO_WINDOW if choice.verdicts else recording.TOO_SHORT] += 1
+            report.rejected[NO_WINDOW if choice.verdicts else TOO_SHORT] += 1
     return VideoClips(made, report, damaged)
 
 

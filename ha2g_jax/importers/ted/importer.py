@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 
 import tqdm
 
-from ha2g_jax.data import processes, recording
+from ha2g_jax.data import processes
 from ha2g_jax.data.corpus import TRAIN
 from ha2g_jax.data.corpus_writer import CorpusWriter
-from ha2g_jax.data.recording import Report, SplitReport
+from ha2g_jax.data.recording import REASONS, Report, SplitReport, report_as_json
 from ha2g_jax.errors import UserError, require
 from ha2g_jax.files.reading import reading, shown
 from ha2g_jax.importers.ted import arrow, clips
@@ -84,7 +84,7 @@ def import_ted(
             report = _write(writer, databases, skeleton, executor, count)
             if not any(counts.kept for counts in report.values()):
                 raise UserError(f"{shown(src)} has no usable window ({_losses(report)}); give more data")
-            writer.metadata["import"] = recording.report_as_json(report)
+            writer.metadata["import"] = report_as_json(report)
     return report
 
 
@@ -103,8 +103,7 @@ def _find_folders(src: pathlib.Path, split: str) -> dict[str, pathlib.Path]:
             folders[name] = found[0]
     if not folders:
         raise UserError(
-            f"{shown(src)} has neither {_FILE} nor folders train, val, test or lmdb_train, "
-            "lmdb_val, lmdb_test; "
+            f"{shown(src)} has neither {_FILE} nor folders train, val, test or lmdb_train, lmdb_val, lmdb_test; "
             "name the folder of TED-Expressive or TED-Gesture"
         )
     return folders
@@ -142,7 +141,7 @@ def _write(
     total = sum(len(database.keys) for database in databases.values())
     with progress_bar(f"importing {_NAMES[skeleton]}", total, "video") as bar:
         for split, database in databases.items():
-            report[split] = SplitReport(filtered=collections.Counter(dict.fromkeys(recording.REASONS, 0)))
+            report[split] = SplitReport(filtered=collections.Counter(dict.fromkeys(REASONS, 0)))
             tasks = ((database.folder, key, skeleton) for key in database.keys)
             for video in processes.in_order(executor, _read_clips, tasks, count, _died(database.path)):
                 for record in video.records:

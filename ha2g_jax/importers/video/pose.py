@@ -6,7 +6,6 @@ import os
 import pathlib
 import shlex
 import shutil
-import signal
 import struct
 import subprocess
 import sys
@@ -24,6 +23,7 @@ from ha2g_jax.files.writing import temporary_folder, writing
 from ha2g_jax.importers.video.images import decode, no_images, open_video, pixel_ratio, upright
 from ha2g_jax.importers.video.keypoints import Keypoints, from_holistic
 from ha2g_jax.progress import stage
+from ha2g_jax.stopping import signal_name
 
 _JOINTS = 43
 _MAX_METRES = 1000.0
@@ -119,8 +119,7 @@ def _estimator(
             process.kill()
             process.wait()
         if process.returncode < 0:
-            number = -process.returncode
-            name = signal.Signals(number).name if number in set(signal.Signals) else f"signal {number}"
+            name = signal_name(-process.returncode)
             raise UserError(
                 f"the pose estimator was killed by {name} at {shown(video)}; check whether memory is sufficient"
             )

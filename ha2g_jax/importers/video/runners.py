@@ -17,6 +17,7 @@ from multiprocessing.context import SpawnProcess
 from typing import Any, NamedTuple, TypeVar
 
 from ha2g_jax.errors import UserError, require
+from ha2g_jax.stopping import signal_name
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -175,8 +176,7 @@ def _call_apart(function: Callable[[Any], Any], item: Any) -> Any:
 def _cause(exit_code: int | None) -> str:
     if exit_code is None or exit_code >= 0:
         return f"with exit code {exit_code}"
-    name = signal.Signals(-exit_code).name
-    return f"of {name}" + (", as when memory runs out" if -exit_code == signal.SIGKILL else "")
+    return f"of {signal_name(-exit_code)}" + (", as when memory runs out" if -exit_code == signal.SIGKILL else "")
 
 
 def _line(error: BaseException) -> str:

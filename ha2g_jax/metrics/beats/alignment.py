@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ha2g_jax.metrics.beats.times import SIGMA, kernel, nearest
+from ha2g_jax.metrics.beats.times import kernel, nearest
 
 # Attempts for each clip to draw; a motion whose attempts all fail is handled separately.
 _TRIES = 4
@@ -67,21 +67,20 @@ class Times(NamedTuple):
     counts: np.ndarray
 
 
-def align(clips: Sequence[Clip], *, sigma: float = SIGMA) -> Alignment:
-    """Compute recall, precision and F of each clip with its own sound, with kernel exp(-d^2 / (2 sigma^2)) (Eq. 11).
+def align(clips: Sequence[Clip]) -> Alignment:
+    """Compute recall, precision and F of each clip with its own sound, with `times.kernel` (Eq. 11).
 
     A clip with onsets and no motion beats scores 0. A clip without onsets is silent and not scored.
 
     Raises:
         ValueError: a time is not a number.
     """
-    seconds = durations(clips)
-    return score(inside(clips, "beats"), inside(clips, "onsets"), seconds, sigma)
+    return score(inside(clips, "beats"), inside(clips, "onsets"), durations(clips))
 
 
-def score(moves: Times, sounds: Times, seconds: np.ndarray, sigma: float) -> Alignment:
+def score(moves: Times, sounds: Times, seconds: np.ndarray) -> Alignment:
     """Compute the alignment of n clips of (n,) seconds, from the times of all motion beats and all onsets."""
-    onset_sum, beat_sum = _kernel_sums(sounds, moves, sigma), _kernel_sums(moves, sounds, sigma)
+    onset_sum, beat_sum = _kernel_sums(sounds, moves), _kernel_sums(moves, sounds)
     has_sound = sounds.counts > 0
     recall = np.where(has_sound, onset_sum / np.maximum(sounds.counts, 1), np.nan)
     precision = np.where(has_sound, beat_sum / np.maximum(moves.counts, 1), np.nan)
@@ -116,9 +115,9 @@ def harmonic_mean(first: np.ndarray | float, second: np.ndarray | float) -> np.n
     return 2 * first * second / np.where(total == 0, 1, total)
 
 
-def _kernel_sums(times: Times, others: Times, sigma: float) -> np.ndarray:
+def _kernel_sums(times: Times, others: Times) -> np.ndarray:
     distances = nearest(times.values, others.values, times.owners, others.owners)
-    return np.bincount(times.owners, kernel(distances, sigma), minlength=len(times.counts))
+    return np.bincount(times.owners, kernel(distances), minlength=len(times.counts))
 
 
 def partners(
@@ -173,7 +172,7 @@ def with_partners(clips: Sequence[Clip], others: np.ndarray) -> np.ndarray:
     moves, sounds, seconds = inside(clips, "beats"), inside(clips, "onsets"), durations(clips)
     total, count = np.zeros(len(clips)), np.zeros(len(clips), int)
     for other in others.T:
-        f = score(moves, _sounds_of(other, sounds, seconds), seconds, SIGMA).f
+        f = score(moves, _sounds_of(other, sounds, seconds), seconds).f
         is_scored = ~np.isnan(f)
         total[is_scored] += f[is_scored]
         count += is_scored

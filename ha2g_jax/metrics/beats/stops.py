@@ -111,11 +111,7 @@ def _angles(skeleton: Skeleton, frames: np.ndarray) -> np.ndarray:
 
 
 def make_clips(
-    rates: Sequence[np.ndarray] | np.ndarray,
-    onsets: Sequence[np.ndarray],
-    fps: float | np.ndarray,
-    *,
-    threshold: float = THRESHOLD,
+    rates: Sequence[np.ndarray], onsets: Sequence[np.ndarray], fps: float, *, threshold: float = THRESHOLD
 ) -> list[Clip]:
     """Find the motion beats of all clips at once: the local minima of the angle change rate after the seed pose.
 
@@ -124,8 +120,7 @@ def make_clips(
     that two equal lowest samples, which a stop exactly on a frame gives, count too. A pose held for longer without any
     change is not a motion beat.
 
-    The rates (T - 1,) are those of `angle_change_rates`, the onsets (k,) are in seconds from frame 0, and fps is one
-    number for all clips or (n,).
+    The rates (T - 1,) are those of `angle_change_rates`, the onsets (k,) are in seconds from frame 0.
     """
     scored = [rate[SEED_FRAMES:] for rate in rates]
     lengths = np.array([len(rate) for rate in scored], int)
@@ -134,12 +129,11 @@ def make_clips(
     is_first[starts[lengths > 0]] = True
     found = minima(np.concatenate([np.zeros(0), *scored]), is_first=is_first, equal=True)
     owners = np.repeat(np.arange(len(lengths)), lengths)[found.sample]
-    speeds = np.broadcast_to(fps, len(lengths))
-    times = (SEED_FRAMES + found.sample - starts[owners] + found.offset + 0.5) / speeds[owners]
+    times = (SEED_FRAMES + found.sample - starts[owners] + found.offset + 0.5) / fps
     is_beat = found.rise >= threshold
     parts = np.split(times[is_beat], np.searchsorted(owners[is_beat], np.arange(1, len(rates))))[: len(rates)]
-    rows = zip(parts, onsets, rates, speeds.tolist(), strict=True)
-    return [Clip(beat, onset, SEED_FRAMES / rate, (len(curve) + 1) / rate) for beat, onset, curve, rate in rows]
+    rows = zip(parts, onsets, rates, strict=True)
+    return [Clip(beat, onset, SEED_FRAMES / fps, (len(rate) + 1) / fps) for beat, onset, rate in rows]
 
 
 def low_samples(rate: np.ndarray, threshold: float) -> np.ndarray:
@@ -150,20 +144,16 @@ def low_samples(rate: np.ndarray, threshold: float) -> np.ndarray:
 
 
 def consistency(
-    rates: Sequence[np.ndarray] | np.ndarray,
-    onsets: Sequence[np.ndarray],
-    fps: float | np.ndarray,
-    *,
-    threshold: float = THRESHOLD,
+    rates: Sequence[np.ndarray], onsets: Sequence[np.ndarray], fps: float, *, threshold: float = THRESHOLD
 ) -> Alignment:
     """Align clips with the motion beats of the paper; BC is the sum of `onset_sum` over the sum of `num_onsets`.
 
     The threshold is the least rise of the rate to the next frame; the other arguments are those of `make_clips`.
     """
     clips = []
-    for curve, sounds, rate in zip(rates, onsets, np.broadcast_to(fps, len(rates)).tolist(), strict=True):
-        samples = SEED_FRAMES + low_samples(curve[SEED_FRAMES:], threshold)
-        clips.append(Clip((samples + 0.5) / rate, sounds, SEED_FRAMES / rate, (len(curve) + 1) / rate))
+    for rate, sounds in zip(rates, onsets, strict=True):
+        samples = SEED_FRAMES + low_samples(rate[SEED_FRAMES:], threshold)
+        clips.append(Clip((samples + 0.5) / fps, sounds, SEED_FRAMES / fps, (len(rate) + 1) / fps))
     return align(clips)
 
 

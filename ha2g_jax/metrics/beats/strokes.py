@@ -13,10 +13,9 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.metrics.beats.alignment import harmonic_mean
 from ha2g_jax.metrics.beats.times import (
-    ONSET_RATE,
-    SIGMA,
     audio_onsets,
     cut_pauses,
     deep_minima,
@@ -131,19 +130,17 @@ class Kernels(NamedTuple):
     beat_sum: float
 
 
-def kernels(
-    onset_times: np.ndarray, beats: np.ndarray, start: float = -np.inf, end: float = np.inf, sigma: float = SIGMA
-) -> Kernels:
+def kernels(onset_times: np.ndarray, beats: np.ndarray, start: float = -np.inf, end: float = np.inf) -> Kernels:
     """Sum the kernel exp(-d^2 / (2 sigma^2)) of the distance d to the nearest on the other side, from start to end.
 
-    The times (n,) and (m,), the bounds and sigma are in seconds; the nearest may lie outside of start and end.
+    The times (n,) and (m,) and the bounds are in seconds; the nearest may lie outside of start and end.
     """
     onset_times, beats = np.sort(onset_times), np.sort(beats)
     counts, sums = [], []
     for times, others in ((onset_times, beats), (beats, onset_times)):
         is_inside = (times >= start) & (times < end)
         counts.append(int(is_inside.sum()))
-        sums.append(float(kernel(nearest(times, others), sigma)[is_inside].sum()))
+        sums.append(float(kernel(nearest(times, others))[is_inside].sum()))
     return Kernels(*counts, *sums)
 
 
@@ -177,7 +174,7 @@ class RecordingRow(NamedTuple):
     body: UpperBody
 
 
-def recording_row(audio: np.ndarray, body: UpperBody, first_frame: int = 4) -> RecordingRow:
+def recording_row(audio: np.ndarray, body: UpperBody, first_frame: int) -> RecordingRow:
     """Compare the strokes of the hands with the onsets of a recording (samples,) at 16 kHz and of its shifts.
 
     The mismatched sound is the recording itself, rotated in time by 4, 6, 8, ... seconds: the rhythm is the same, the
@@ -185,8 +182,8 @@ def recording_row(audio: np.ndarray, body: UpperBody, first_frame: int = 4) -> R
     none. The gain of the same strokes, moved to the nearest onsets, is about the most that so many strokes can have.
     Scoring starts at `first_frame`.
     """
-    start, end = first_frame / body.fps, min(len(audio) / ONSET_RATE, len(body.wrists) / body.fps)
-    audio = audio[: math.ceil(end * ONSET_RATE)]
+    start, end = first_frame / body.fps, min(len(audio) / SAMPLE_RATE, len(body.wrists) / body.fps)
+    audio = audio[: math.ceil(end * SAMPLE_RATE)]
     times = (audio_onsets(audio, end), stroke_beats(body.wrists, body.fps))
     onsets, moves = (x[(x >= start) & (x < end)] - start for x in times)
     spans = np.clip(speech_spans(audio) - start, 0, end - start)

@@ -11,11 +11,11 @@ import filelock
 import numpy as np
 
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.files.cache import cache_folder
 
 SIGMA = 0.1  # seconds, width of the kernel between onsets and motion beats
 
-ONSET_RATE = 16000  # samples per second of the sound in which onsets are found
 SILENCE_DB = -60.0  # relative to full scale; a clip in which no 64 ms are louder has no onsets
 
 SPEECH_DB = -30.0  # level of speech relative to the loud moments
@@ -101,7 +101,7 @@ def kernel(distances: np.ndarray, sigma: float = SIGMA) -> np.ndarray:
 
 def detect_onsets(audio: np.ndarray) -> np.ndarray:
     """Return the times (n,), in seconds, of the onsets of samples at 16 kHz, by librosa's detector with defaults."""
-    return librosa("onset").onset_detect(y=audio, sr=ONSET_RATE, units="time")
+    return librosa("onset").onset_detect(y=audio, sr=SAMPLE_RATE, units="time")
 
 
 def audio_onsets(audio: np.ndarray, duration: float) -> np.ndarray:
@@ -112,7 +112,7 @@ def audio_onsets(audio: np.ndarray, duration: float) -> np.ndarray:
     after `duration`, that of the motion in seconds, is left out. This is much slower than all scores together and
     depends only on the sound: find the onsets once per clip and keep them.
     """
-    sound = audio[: math.ceil(duration * ONSET_RATE)]
+    sound = audio[: math.ceil(duration * SAMPLE_RATE)]
     blocks = np.pad(np.asarray(sound, np.float64), (0, -len(sound) % _LOUDNESS_BLOCK)).reshape(-1, _LOUDNESS_BLOCK)
     power = np.mean(np.square(blocks), axis=1).max(initial=0)
     if power < 10 ** (SILENCE_DB / 10):
@@ -133,10 +133,10 @@ def speech_spans(audio: np.ndarray) -> np.ndarray:
     if not power.any():
         return np.zeros((0, 2))
     threshold = power @ power / power.sum() * 10 ** (SPEECH_DB / 10)
-    loud = np.flatnonzero(power > threshold) * _SPEECH_BLOCK / ONSET_RATE
+    loud = np.flatnonzero(power > threshold) * _SPEECH_BLOCK / SAMPLE_RATE
     is_last = np.append(np.diff(loud) > 2 * SPEECH_MARGIN, True)
     starts, ends = loud[np.roll(is_last, 1)] - SPEECH_MARGIN, loud[is_last] + SPEECH_MARGIN
-    return np.clip(np.stack([starts, ends], axis=-1), 0, len(audio) / ONSET_RATE)
+    return np.clip(np.stack([starts, ends], axis=-1), 0, len(audio) / SAMPLE_RATE)
 
 
 def cut_pauses(times: np.ndarray, spans: np.ndarray) -> np.ndarray:

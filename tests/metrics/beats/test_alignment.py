@@ -121,12 +121,11 @@ def test_clips_of_any_length_are_those_of_each_alone():
     rng = np.random.default_rng(0)
     rates = [rng.integers(0, 6, length) / 3 for length in (33, 0, 3, 60, 5, 7, 33)]  # some of them equal
     onsets = [np.sort(rng.uniform(0, 3, 4)) for _ in rates]
-    fps = np.array([15, 15, 30, 25, 15, 15, 60.0])
-    clips = make_clips(rates, onsets, fps)
-    for rate, heard, speed, made in zip(rates, onsets, fps, clips, strict=True):
-        np.testing.assert_allclose(made.beats, stop_beats(rate, speed), atol=1e-12)
+    clips = make_clips(rates, onsets, 25)
+    for rate, heard, made in zip(rates, onsets, clips, strict=True):
+        np.testing.assert_allclose(made.beats, stop_beats(rate, 25), atol=1e-12)
         assert made.onsets is heard
-        assert (made.start, made.end) == pytest.approx((4 / speed, (len(rate) + 1) / speed))
+        assert (made.start, made.end) == pytest.approx((4 / 25, (len(rate) + 1) / 25))
     assert sum(len(made.beats) for made in clips) > 20
     assert make_clips([], [], 15) == []
 
@@ -136,13 +135,13 @@ def test_alignment_is_that_of_a_plain_loop():
     clips = [
         clip(rng.uniform(0, 5, rng.integers(0, 6)), rng.uniform(0, 5, rng.integers(1, 6)), 0.5, 4.5) for _ in range(80)
     ]
-    alignment = align(clips, sigma=0.2)
+    alignment = align(clips)
     for index, each in enumerate(clips):
         moves, onsets = ([x for x in times if 0.5 <= x < 4.5] for times in (each.beats, each.onsets))
         values = [math.nan] * 3
         if onsets:
             r, q = (
-                sum(max((math.exp(-((x - y) ** 2) / 0.08) for y in others), default=0) for x in times)
+                sum(max((math.exp(-((x - y) ** 2) / 0.02) for y in others), default=0) for x in times)
                 / max(len(times), 1)
                 for times, others in ((onsets, moves), (moves, onsets))
             )
