@@ -10,8 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ha2g_jax import skeleton as skeletons
-
-FINGERS = ("thumb", "index", "middle", "ring", "pinky")
+from ha2g_jax.skeleton import FINGERS
 
 # Flexion of thumb, index, middle, ring and pinky: 0 straight, 1 closed. Any two differ by 0.7 or more (Euclidean).
 HAND_SHAPES: dict[str, tuple[float, float, float, float, float]] = {

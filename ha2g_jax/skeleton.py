@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 SKELETONS = ("ted_expressive", "ted_gesture")
+FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 
 MIN_NORM = 1e-8
 # Keeps arccos, and so its gradient, finite at parallel bones.
@@ -93,6 +94,11 @@ class Skeleton:
     def level_channels(self) -> tuple[tuple[int, ...], ...]:
         """Indices of the channels of each level in the flat pose of `pose_dim` values."""
         return tuple(tuple(3 * bone + axis for bone in level for axis in range(3)) for level in self.levels)
+
+    @property
+    def left(self) -> float:
+        """1 where the person's left is at +x, as in TED-Expressive, -1 where it is at -x, as in TED-Gesture."""
+        return 1.0 if self.mean_pose[self.joint("left_shoulder"), 0] > 0 else -1.0
 
     def joint(self, name: str) -> int:
         return self.joints.index(name)
@@ -220,5 +226,4 @@ def mirror_directions(skeleton: Skeleton, directions: Any) -> Any:
 
 def hand_joints(skeleton: Skeleton) -> list[int]:
     """Return the indices of the joints of both hands: wrists and fingers."""
-    fingers = ("thumb", "index", "middle", "ring", "pinky")
-    return [number for number, name in enumerate(skeleton.joints) if any(part in name for part in ("wrist", *fingers))]
+    return [number for number, name in enumerate(skeleton.joints) if any(part in name for part in ("wrist", *FINGERS))]

@@ -7,7 +7,7 @@ import numpy as np
 from ha2g_jax.features.phrases import LEAST_PHRASE, PAUSE
 from ha2g_jax.features.text import Word
 from ha2g_jax.metrics.beats.times import deep_minima
-from ha2g_jax.motion.control.parts import HEAD, bones_of, parts, rest_pose
+from ha2g_jax.motion.control.parts import HEAD, bones_of_kind, rest_pose
 from ha2g_jax.motion.states import NOD_DELAY
 from ha2g_jax.skeleton import Skeleton
 
@@ -32,10 +32,9 @@ def nod_times(skeleton: Skeleton, directions: np.ndarray, fps: float) -> np.ndar
 
     A nod lowers the head by at least 5 degrees, and raises it again.
     """
-    head = bones_of(tuple(part for part in parts(skeleton) if part.kind == HEAD))
+    head = bones_of_kind(skeleton, HEAD)
     rest, turned = (poses[..., head, 1:].astype(np.float64) for poses in (rest_pose(skeleton), directions))
     # The angle about the axis from side to side that takes the head at rest nearest to the head of each frame.
     across = np.sum(rest[:, 0] * turned[..., 1] - rest[:, 1] * turned[..., 0], axis=-1)
     pitch = np.rad2deg(np.arctan2(across, np.sum(rest * turned, axis=(-1, -2))))
-    facing = np.sign(skeleton.mean_directions[skeleton.bone("left_shoulder"), 0])
-    return deep_minima(-facing * pitch, _RISE) / fps
+    return deep_minima(-skeleton.left * pitch, _RISE) / fps

@@ -148,10 +148,7 @@ def outline(positions: np.ndarray, skeleton: Skeleton, look: Look, detail: int =
 
 def from_the_front(positions: np.ndarray, skeleton: Skeleton) -> dict[str, np.ndarray]:
     """Return joints (T, 3) by name with the spine at the origin, in axes in which the person faces -z, left at +x."""
-    mean = skeleton.mean_pose
-    is_reversed = mean[skeleton.joint("left_shoulder"), 0] < mean[skeleton.joint("right_shoulder"), 0]
-    sign = np.array([-1.0, 1.0, -1.0]) if is_reversed else np.ones(3)
-    centred = (positions - positions[:, :1]) * sign
+    centred = (positions - positions[:, :1]) * (skeleton.left, 1.0, skeleton.left)
     return dict(zip(skeleton.joints, np.moveaxis(centred, 1, 0), strict=True))
 
 

@@ -22,8 +22,8 @@ from ha2g_jax.figure.shapes import (
     project,
     shade,
     smooth,
-    unit,
 )
+from ha2g_jax.skeleton import FINGERS, normalize
 
 _CLOTH_EDGE = 0.003  # metres; width of the dark line around a limb and around the trunk
 
@@ -40,7 +40,6 @@ _LIT = np.array([-0.008, -0.012, 0.0])  # metres; the light comes from the upper
 SLEEVE = (0.057, 0.0445, 0.034)  # metres; radii at shoulder, elbow and hem
 CUFF = 0.92  # fraction of the forearm that the sleeve covers
 WRIST = (0.027, 0.025)  # metres; radii of the forearm below the sleeve
-FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 _HAND_EDGE = 0.0028  # metres
 FINGER_RADII = np.array((0.0125, 0.0105, 0.011, 0.0105, 0.009))
 FINGER_TIP = 0.026  # metres from the last joint of a finger
@@ -91,11 +90,11 @@ def _outlines(
     """Return outlines that are larger by a margin in metres, with their colours, for a build (T,) of the trunk."""
     spine, neck = points["spine"], points["neck"]
     left, right = points["left_shoulder"], points["right_shoulder"]
-    up, across = unit(neck - spine), unit(left - right)
+    up, across = normalize(neck - spine), normalize(left - right)
     # Below the spine there are no joints: the hips turn with the shoulders, but lean only half as much.
-    below = unit(_DOWN - up)
+    below = normalize(_DOWN - up)
     hips = spine - 0.16 * up + 0.33 * below
-    knees = hips + 0.55 * unit(below + _DOWN)
+    knees = hips + 0.55 * normalize(below + _DOWN)
     side = build[:, None] * across
 
     def around(*discs: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
@@ -130,8 +129,8 @@ def _sections(
     middles = np.stack(levels, axis=1)
     line = project(middles)
     along = np.gradient(line, axis=1)
-    normal = unit(np.stack([along[..., 1], -along[..., 0]], axis=-1))
-    across, ahead = unit(points["left_shoulder"] - points["right_shoulder"]), facing(points)
+    normal = normalize(np.stack([along[..., 1], -along[..., 0]], axis=-1))
+    across, ahead = normalize(points["left_shoulder"] - points["right_shoulder"]), facing(points)
     half = np.hypot(dot(normal, across[:, None, :2]), THICK * dot(normal, ahead[:, None, :2]))
     half = half * build[:, None, None] * np.array([width for _, _, width in SECTIONS])[:, None] + margin
     half = half * enlarged(middles[..., 2:])
@@ -194,7 +193,7 @@ def hand_parts(points: dict[str, np.ndarray], side: str, look: Look, detail: int
     edge, lit = shade(look.skin, 0.72), shade(look.skin, 1.02)
     behind = np.full(len(wrist), np.inf)
     if f"{side}_index_1" not in points:
-        along = unit(wrist - points[f"{side}_elbow"])
+        along = normalize(wrist - points[f"{side}_elbow"])
         centres = np.stack([wrist + far * along for far, _ in MITTEN], axis=1)
         radii = np.array([radius for _, radius in MITTEN])
         mitten = Shape(hull(centres, radii, detail), edge), Shape(hull(centres, radii - 0.0035, detail), lit)
@@ -229,7 +228,7 @@ def _finger_chain(points: dict[str, np.ndarray], side: str, finger: str) -> np.n
     """Return the (T, 4, 3) joints of a finger and its tip, which is extrapolated because skeletons have no tips."""
     first, second, third = (points[f"{side}_{finger}_{part}"] for part in (1, 2, 3))
     ahead, last = second - first, third - second
-    tip = third + FINGER_TIP * unit(unit(last) + 0.4 * (unit(last) - unit(ahead)))
+    tip = third + FINGER_TIP * normalize(normalize(last) + 0.4 * (normalize(last) - normalize(ahead)))
     return np.stack([first, second, third, tip], axis=1)
 
 
@@ -238,21 +237,21 @@ def head_frame(points: dict[str, np.ndarray]) -> np.ndarray:
     neck = points["neck"]
     if "left_ear" in points:
         ears = (points["left_ear"] + points["right_ear"]) / 2
-        left = unit(points["left_ear"] - points["right_ear"])
+        left = normalize(points["left_ear"] - points["right_ear"])
         ahead = points["nose"] - ears
         # The nose is below the ears, so the line between them is levelled.
-        ahead = unit(ahead - dot(ahead, left) * left)
+        ahead = normalize(ahead - dot(ahead, left) * left)
         up = np.cross(ahead, left)
         up = np.where(up[:, 1:2] < 0, up, -up)
         tilt = np.deg2rad(-18)
         ahead, up = np.cos(tilt) * ahead - np.sin(tilt) * up, np.cos(tilt) * up + np.sin(tilt) * ahead
         return np.stack([ears + 0.012 * up + 0.055 * ahead, *(HEAD_SIZE * axis for axis in (left, up, ahead))])
     top = points["head"] if "head" in points else points["nose"]
-    up = unit(top - neck)
+    up = normalize(top - neck)
     left = points["left_shoulder"] - points["right_shoulder"]
-    left = unit(left - dot(left, up) * up)
+    left = normalize(left - dot(left, up) * up)
     ahead = points["nose"] - neck
-    ahead = unit(ahead - dot(ahead, up) * up - dot(ahead, left) * left)
+    ahead = normalize(ahead - dot(ahead, up) * up - dot(ahead, left) * left)
     return np.stack([neck + 0.19 * up + 0.02 * ahead, *(HEAD_SIZE * axis for axis in (left, up, ahead))])
 
 
@@ -359,7 +358,7 @@ def _ellipse(
 
 def _upright(head: np.ndarray) -> np.ndarray:
     """Return the head turned to the camera, with the inclination that it has in the picture."""
-    up = HEAD_SIZE * unit(head[2] * np.array([1, 1, 0]))
+    up = HEAD_SIZE * normalize(head[2] * np.array([1, 1, 0]))
     left = np.stack([-up[:, 1], up[:, 0], np.zeros(len(up))], axis=-1)
     return np.stack([head[0], left, up, np.broadcast_to([0.0, 0.0, -HEAD_SIZE], up.shape)])
 
@@ -368,12 +367,11 @@ def _half_turned(head: np.ndarray) -> np.ndarray:
     """Return the head turned away from the camera by at most 24 degrees, so that no outline on it is folded."""
     _, left, up, ahead = _upright(head) / HEAD_SIZE
     sideways, upwards = (np.clip(dot(head[3] / HEAD_SIZE, axis), -_MOST_TURNED, _MOST_TURNED) for axis in (left, up))
-    upwards = np.where(
-        _is_away(head)[:, None], -upwards, upwards
-    )  # from behind, one sees the top of a head that looks up
-    ahead = unit(sideways * left + upwards * up + np.sqrt(1 - sideways**2 - upwards**2) * ahead)
-    left = unit(left - dot(left, ahead) * ahead)
-    up = unit(up - dot(up, ahead) * ahead - dot(up, left) * left)
+    # From behind, one sees the top of a head that looks up.
+    upwards = np.where(_is_away(head)[:, None], -upwards, upwards)
+    ahead = normalize(sideways * left + upwards * up + np.sqrt(1 - sideways**2 - upwards**2) * ahead)
+    left = normalize(left - dot(left, ahead) * ahead)
+    up = normalize(up - dot(up, ahead) * ahead - dot(up, left) * left)
     return np.stack([head[0], *(HEAD_SIZE * axis for axis in (left, up, ahead))])
 
 

@@ -6,6 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from PIL import Image
 
+from ha2g_jax.skeleton import normalize
+
 Colour = tuple[int, int, int]
 
 _CAMERA = 3.2  # metres in front of the spine
@@ -84,7 +86,7 @@ def hull(centres: np.ndarray, radii: np.ndarray, detail: int = 1) -> np.ndarray:
     return centre + np.take_along_axis(radii, farthest, axis=-1)[..., None] * rim
 
 
-def hull_of(corners: np.ndarray, detail: int = 1) -> np.ndarray:
+def hull_of(corners: np.ndarray, detail: int) -> np.ndarray:
     """Return the convex hull (T, 32 * detail, 2) of points (T, n, 2) in the picture plane."""
     farthest = np.argmax(corners @ _directions(detail).T, axis=-2)
     return np.take_along_axis(corners, farthest[..., None], axis=-2)
@@ -95,7 +97,7 @@ def _directions(detail: int) -> np.ndarray:
     return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
-def smooth(outline: np.ndarray, detail: int = 1) -> np.ndarray:
+def smooth(outline: np.ndarray, detail: int) -> np.ndarray:
     """Return a closed Catmull-Rom curve (T, 5 * n * detail, 2) through points (T, n, 2)."""
     u = (np.arange(5 * detail) / (5 * detail))[:, None]
     before, here, after, later = (np.roll(outline, shift, axis=-2)[..., None, :] for shift in (1, 0, -1, -2))
@@ -133,12 +135,7 @@ def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.sum(a * b, axis=-1, keepdims=True)
 
 
-def unit(vectors: np.ndarray) -> np.ndarray:
-    """Return vectors (..., 3) scaled to length 1."""
-    return vectors / np.maximum(np.sqrt(dot(vectors, vectors)), 1e-8)
-
-
 def facing(points: dict[str, np.ndarray]) -> np.ndarray:
     """Return the directions (T, 3) in which the trunk faces."""
     up, across = points["neck"] - points["spine"], points["left_shoulder"] - points["right_shoulder"]
-    return unit(np.cross(across, up))
+    return normalize(np.cross(across, up))

@@ -31,7 +31,7 @@ from ha2g_jax.motion.readers.recordings import (
     find_recordings,
     read_speech,
 )
-from ha2g_jax.motion.readers.smplx import AUTO, read_smplx
+from ha2g_jax.motion.readers.smplx import read_smplx
 from ha2g_jax.motion.readers.smplx_arrays import SEAMLESS_NAME
 from ha2g_jax.motion.readers.smplx_body import Body, read_body_model, template
 from ha2g_jax.progress import track
@@ -126,7 +126,7 @@ def import_smplx(
     options: ImportOptions = _DEFAULTS,
     *,
     model: str | os.PathLike | None = None,
-    up: str = AUTO,
+    up: str = joint_maps.AUTO,
     source_fps: float | None = None,
     unit: float | None = None,
 ) -> Report:
@@ -150,8 +150,8 @@ def import_smplx(
         UserError: there is no usable file, `dst` exists, or an option has an invalid value.
     """
     src = pathlib.Path(src)
-    if up not in (AUTO, *UPS):
-        raise UserError(f"up {up!r}; expected {AUTO} or one of {', '.join(UPS)}")
+    if up not in (joint_maps.AUTO, *UPS):
+        raise UserError(f"up {up!r}; expected {joint_maps.AUTO} or one of {', '.join(UPS)}")
     check_stated(source_fps, unit)
     recordings = find_embody(src, options.speaker) if src.is_dir() else []
     if recordings and (options.audio is not None or options.words is not None):
@@ -165,7 +165,7 @@ def import_smplx(
         if options.speaker is None:
             recordings = [_with_speaker_of_name(recording) for recording in recordings]
     body = template() if model is None else read_body_model(model)
-    stated = {"source_fps": source_fps, "unit": unit, "up": up}
+    stated = {"source_fps": source_fps, "unit": unit, "up": None if up == joint_maps.AUTO else up}
     read = functools.partial(_read_smplx, options=options, body=body, stated=stated)
     joints = "neutral template" if model is None else f"body model {shown(pathlib.Path(model).name)}"
     name = shown(resolved(src).name)

@@ -48,8 +48,7 @@ class UpperBody(NamedTuple):
 
 def upper_body(skeleton: Skeleton, positions: np.ndarray, fps: float) -> UpperBody:
     """Take hands, trunk and head from joint positions (T, joints, 3) of a skeleton."""
-    is_turned = skeleton.mean_pose[skeleton.joint("left_shoulder"), 0] < 0
-    positions = np.asarray(positions, np.float64) * (-1 if is_turned else 1, 1, -1 if is_turned else 1)
+    positions = np.asarray(positions, np.float64) * (skeleton.left, 1, skeleton.left)
     at = {name: positions[:, skeleton.joint(name)] for name in ("spine", "neck", "nose")}
     wrists, shoulders = (
         positions[:, [skeleton.joint(f"{side}_{joint}") for side in ("left", "right")]]

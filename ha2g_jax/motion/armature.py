@@ -5,16 +5,17 @@ Axes in this module: metres, y up, the person faces +z, the person's left is at 
 
 import dataclasses
 import functools
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from ha2g_jax.motion import lower_body, rotations
 from ha2g_jax.motion.lower_body import LowerBody
-from ha2g_jax.skeleton import Skeleton, load_skeleton, mirror_directions, normalize
+from ha2g_jax.skeleton import FINGERS, Skeleton, load_skeleton, mirror_directions, normalize
 
 UP, LEFT = np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])
-FOUR_FINGERS = ("index", "middle", "ring", "pinky")
+FOUR_FINGERS = FINGERS[1:]
 
 # Joints that rotate one of several bones, by the joint at the end of the bone; the names of others end in 0, as in
 # left_index_0.
@@ -77,6 +78,20 @@ def world(animation: Animation) -> tuple[np.ndarray, np.ndarray]:
     return rotated, positions
 
 
+def relative(turned: np.ndarray, parents: Sequence[int]) -> np.ndarray:
+    """Return rotations (..., J, 4) relative to the parents of those in the world; joint 0 is the root, and stays."""
+    local = turned.copy()
+    local[..., 1:, :] = rotations.multiply(rotations.conjugate(turned[..., parents[1:], :]), turned[..., 1:, :])
+    return local
+
+
+def rest_positions(armature: Armature) -> tuple[np.ndarray, np.ndarray]:
+    """Return (J, 4) orientations and (J, 3) positions in metres of an armature at rest, its root at the origin."""
+    still = Animation(armature, armature.rest[None], np.zeros((1, 3)), 1.0, {})
+    orientations, positions = world(still)
+    return orientations[0], positions[0]
+
+
 @functools.lru_cache(maxsize=16)
 def generations(parents: tuple[int, ...]) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
     """Group the joints of a tree by the number of joints above them: their indices and those of their parents."""
@@ -91,8 +106,7 @@ def export_axes(skeleton: Skeleton) -> np.ndarray:
     """Return (3,) signs that convert vectors from the skeleton's axes to those of this module, and back: y down becomes
     y up, and the person faces +z with the left at +x.
     """
-    left, right = (skeleton.mean_pose[skeleton.joint(f"{side}_shoulder"), 0] for side in ("left", "right"))
-    return np.array([1.0, -1.0, -1.0]) if left > right else np.array([-1.0, -1.0, 1.0])
+    return np.array([skeleton.left, -1.0, -skeleton.left])
 
 
 def ha2g_armature(skeleton: Skeleton) -> Armature:
@@ -137,9 +151,7 @@ def add_lower_body(animation: Animation, lower: LowerBody) -> Animation:
     is exact only on average. Rotations in the world stay those of the animation.
     """
     turned = rotations.unit(lower.rotations)
-    local = turned.copy()
-    for joint, parent in enumerate(lower_body.PARENTS[1:], start=1):
-        local[:, joint] = rotations.multiply(rotations.conjugate(turned[:, parent]), turned[:, joint])
+    local = relative(turned, lower_body.PARENTS)
     upper = animation.rotations.copy()
     upper[:, 0] = rotations.multiply(rotations.conjugate(turned[:, 0]), upper[:, 0])
     whole = rotations.continuous(rotations.unit(np.concatenate([local, upper], axis=1)))

@@ -10,7 +10,7 @@ import functools
 import numpy as np
 
 from ha2g_jax.features import noise
-from ha2g_jax.motion.control.parts import HEAD, SIDES, TRUNK, UPPER_ARM, arm_parts, bones_of, parts
+from ha2g_jax.motion.control.parts import HEAD, SIDES, TRUNK, UPPER_ARM, arm_parts, bones_of, bones_of_kind
 from ha2g_jax.motion.rotations import from_vector, rotate, unit
 from ha2g_jax.motion.smoothing import minimum_jerk
 from ha2g_jax.skeleton import Skeleton
@@ -66,7 +66,7 @@ def shifts(skeleton: Skeleton, seed: int, frames: np.ndarray, fps: float) -> np.
 @functools.cache
 def _shifts(skeleton: Skeleton) -> list[tuple[float, float, np.ndarray]]:
     """Return the seconds between shifts, of a shift, and its rotation vectors (turns, bones, 3), for each kind."""
-    trunk, head = (bones_of(tuple(part for part in parts(skeleton) if part.kind == kind)) for kind in (TRUNK, HEAD))
+    trunk, head = (bones_of_kind(skeleton, kind) for kind in (TRUNK, HEAD))
     kinds = []
     for bones, (span, seconds, degrees) in ((trunk, _TRUNK_SHIFT), (head, _GAZE_SHIFT)):
         kinds.append((span, seconds, [(bones, degrees)]))
@@ -85,8 +85,8 @@ def _turns(skeleton: Skeleton) -> np.ndarray:
     for side in SIDES:
         bone = skeleton.bone(f"{side}_shoulder")
         breath[bone] = _BREATH_DEGREES * unit(np.cross(skeleton.mean_directions[bone], [0, -1, 0]))
-    head = bones_of(tuple(part for part in parts(skeleton) if part.kind == HEAD))
-    moved = [(slice(None), _BODY), (head, _HEAD), *((bones_of(arm_parts(skeleton, side)), _ARM) for side in SIDES)]
+    arms = [(bones_of(arm_parts(skeleton, side)), _ARM) for side in SIDES]
+    moved = [(slice(None), _BODY), (bones_of_kind(skeleton, HEAD), _HEAD), *arms]
     return np.concatenate([np.deg2rad(breath)[None], _about_axes(skeleton, moved)])
 
 

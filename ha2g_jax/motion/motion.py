@@ -78,8 +78,7 @@ class Motion:
             TypeError: `meta` has a value that JSON does not know.
         """
         directions = normalize(np.asarray(directions, np.float32))
-        left, right = (skeleton.mean_pose[skeleton.joint(f"{side}_shoulder"), 0] for side in ("left", "right"))
-        axes = {"units": "metres", "x": f"the person's {'left' if left > right else 'right'}", "y": "down"}
+        axes = {"units": "metres", "x": f"the person's {'left' if skeleton.left > 0 else 'right'}", "y": "down"}
         plain = json.loads(json.dumps(meta or {}, default=_plain))
         return cls(
             directions=directions,

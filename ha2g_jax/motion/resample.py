@@ -24,14 +24,19 @@ def moments_at(frames: int, fps: float, new_fps: float) -> np.ndarray:
     return np.minimum(np.arange(num_frames(frames / fps, new_fps)) * (fps / new_fps), frames - 1)
 
 
+def angles(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Return the angles (..., 1) in radians between unit vectors (..., 3), as exact near 0 as near 180 degrees."""
+    chord = np.linalg.norm(first - second, axis=-1, keepdims=True)
+    return 2 * np.arctan2(chord, np.linalg.norm(first + second, axis=-1, keepdims=True))
+
+
 def slerp(first: np.ndarray, second: np.ndarray, fraction: np.ndarray) -> np.ndarray:
     """Interpolate between unit vectors (..., 3) on the sphere.
 
     The fraction, which broadcasts with (..., 1), is 0 at `first` and 1 at `second`. Between opposite vectors, which
     have no shortest arc, the result is the nearer of the two.
     """
-    chord = np.linalg.norm(first - second, axis=-1, keepdims=True)
-    angle = 2 * np.arctan2(chord, np.linalg.norm(first + second, axis=-1, keepdims=True))
+    angle = angles(first, second)
     safe = np.where((angle > _MIN_ANGLE) & (angle < _MAX_ANGLE), angle, 1)
     mixed = (np.sin((1 - fraction) * safe) * first + np.sin(fraction * safe) * second) / np.sin(safe)
     straight = (1 - fraction) * first + fraction * second
@@ -42,8 +47,7 @@ def slerp(first: np.ndarray, second: np.ndarray, fraction: np.ndarray) -> np.nda
 
 def log_map(base: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """Return tangents (..., 3) at `base` to unit vectors, as long as the angles in radians, 0 for opposite ones."""
-    chord = np.linalg.norm(vectors - base, axis=-1, keepdims=True)
-    angle = 2 * np.arctan2(chord, np.linalg.norm(vectors + base, axis=-1, keepdims=True))
+    angle = angles(base, vectors)
     across = vectors - np.sum(base * vectors, axis=-1, keepdims=True) * base
     is_clear = angle < _MAX_ANGLE
     return np.where(is_clear, across / np.where(is_clear, np.sinc(angle / np.pi), 1), 0)

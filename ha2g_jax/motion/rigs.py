@@ -26,7 +26,7 @@ import numpy as np
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import reason
 from ha2g_jax.motion import rotations
-from ha2g_jax.motion.armature import Animation, Armature, ha2g_armature, world
+from ha2g_jax.motion.armature import Animation, Armature, ha2g_armature, relative, rest_positions, world
 from ha2g_jax.motion.lower_body import JOINTS as LOWER_JOINTS
 from ha2g_jax.skeleton import load_skeleton
 
@@ -128,13 +128,6 @@ def places(armature: Armature) -> dict[str, int]:
     return {joint.place: index for index, joint in enumerate(load_rig(armature.name).joints) if joint.place}
 
 
-def rest_positions(armature: Armature) -> tuple[np.ndarray, np.ndarray]:
-    """Return (J, 4) orientations and (J, 3) positions in metres of an armature at rest, its root at the origin."""
-    still = Animation(armature, armature.rest[None], np.zeros((1, 3)), 1.0, {})
-    orientations, positions = world(still)
-    return orientations[0], positions[0]
-
-
 def armature_of(rig: Rig, own: Armature) -> Armature:
     """Return the armature of a rig with the lengths of an `ha2g` armature, where the rig has none of its own."""
     return own if rig.name == own.name else Transfer.between(own, rig).armature
@@ -231,15 +224,13 @@ class Transfer:
         local = np.tile(self.armature.rest, (animation.num_frames, 1, 1))
         rotated = np.empty_like(local)
         rotated[:, self.carried] = rotations.multiply(rotation, self.from_source)
-        is_carried = np.zeros(len(self.armature.joints), bool)
-        is_carried[self.carried] = True
         parents = np.array(self.armature.parents)
-        for index in np.flatnonzero(~is_carried):
+        for index in np.setdiff1d(np.arange(len(parents)), self.carried):
             above = rotated[:, parents[index]] if index else rotations.IDENTITY
             rotated[:, index] = rotations.multiply(above, local[:, index])
         backs = rotations.conjugate(rotated[:, parents[self.carried]])
         local[:, self.carried] = rotations.multiply(backs, rotated[:, self.carried])
-        if is_carried[0]:
+        if 0 in self.carried:
             local[:, 0] = rotated[:, 0]
         local = rotations.continuous(rotations.unit(local), before)
         return Animation(self.armature, local, self.start + animation.translation, animation.fps, animation.meta)
@@ -293,11 +284,7 @@ def _t_pose(armature: Armature, ours: np.ndarray, rig: Rig) -> np.ndarray:
 
 
 def _armature(rig: Rig, at_rest: np.ndarray, rest: np.ndarray) -> Armature:
-    offsets, local = np.zeros_like(at_rest), rest.copy()
-    for index, joint in enumerate(rig.joints):
-        if joint.parent >= 0:
-            back = rotations.conjugate(rest[joint.parent])
-            offsets[index] = rotations.rotate(back, at_rest[index] - at_rest[joint.parent])
-            local[index] = rotations.multiply(back, rest[index])
-    names = tuple(joint.name for joint in rig.joints)
-    return Armature(rig.name, names, tuple(joint.parent for joint in rig.joints), offsets, local)
+    names, parents = zip(*((joint.name, joint.parent) for joint in rig.joints), strict=True)
+    above, offsets = parents[1:], np.zeros_like(at_rest)
+    offsets[1:] = rotations.rotate(rotations.conjugate(rest[above, :]), at_rest[1:] - at_rest[above, :])
+    return Armature(rig.name, names, parents, offsets, relative(rest, parents))

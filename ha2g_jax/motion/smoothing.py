@@ -40,7 +40,7 @@ def smooth(directions: np.ndarray, fps: float, seconds: float) -> np.ndarray:
             means[frame] = np.tensordot(_weights(edge, seconds * fps), poses[frame - edge : frame + edge + 1], 1)
     if frames > 2 * reach:
         means[reach : frames - reach] = _sums(poses, _weights(reach, seconds * fps))
-    return _to_unit(means, poses).astype(np.float32)
+    return to_unit(means, poses).astype(np.float32)
 
 
 def minimum_jerk(time: np.ndarray) -> np.ndarray:
@@ -71,10 +71,11 @@ def slow_mean(poses: np.ndarray, fps: float, seconds: float) -> np.ndarray:
     if reach < 1 or not len(poses):
         return poses
     padded = np.pad(poses, ((reach, reach), *((0, 0),) * (poses.ndim - 1)))
-    return _to_unit(_sums(padded, _weights(reach, seconds * fps)), poses)
+    return to_unit(_sums(padded, _weights(reach, seconds * fps)), poses)
 
 
-def _to_unit(means: np.ndarray, poses: np.ndarray) -> np.ndarray:
+def to_unit(means: np.ndarray, poses: np.ndarray) -> np.ndarray:
+    """Return means (..., n) scaled to length 1; the pose in place of one that is too short to have a direction."""
     lengths = np.linalg.norm(means, axis=-1, keepdims=True)
     is_clear = lengths > _MIN_LENGTH
     return np.where(is_clear, means / np.where(is_clear, lengths, 1), poses)

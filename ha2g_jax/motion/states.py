@@ -13,7 +13,7 @@ import numpy as np
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.features import noise
-from ha2g_jax.motion.control.parts import HEAD, SIDES, TRUNK, arm_parts, bones_of, parts, rest_pose
+from ha2g_jax.motion.control.parts import HEAD, SIDES, TRUNK, arm_parts, bones_of, bones_of_kind, rest_pose
 from ha2g_jax.motion.idle import shifts
 from ha2g_jax.motion.resample import slerp
 from ha2g_jax.motion.rotations import between, from_vector, rotate, unit
@@ -193,8 +193,8 @@ class _Body(NamedTuple):
 
 @functools.cache
 def _body(skeleton: Skeleton) -> _Body:
-    left = np.array([np.sign(skeleton.mean_directions[skeleton.bone("left_shoulder"), 0]), 0.0, 0.0])
-    trunk, head = (bones_of(tuple(part for part in parts(skeleton) if part.kind == kind)) for kind in (TRUNK, HEAD))
+    left = np.array([skeleton.left, 0.0, 0.0])
+    trunk, head = (bones_of_kind(skeleton, kind) for kind in (TRUNK, HEAD))
     arms = []
     for side, sign in zip(SIDES, (1, -1), strict=True):
         axes = np.stack([sign * left, -_UP, np.cross(left, _UP)])

@@ -65,8 +65,9 @@ def ease_start(motion: np.ndarray, window: int, overlap: int) -> np.ndarray:
     distance = np.linalg.norm(rotation, axis=-1, keepdims=True)
     usual = _usual_distance(eased[overlap : overlap + longest])
     rotation *= np.maximum(0, 1 - _TOLERANCE * usual / np.maximum(distance, 1e-12))
-    frames = eased[overlap : overlap + max(1, min(_EASE_FRAMES, longest))]
-    weight = 1 - minimum_jerk(np.arange(len(frames)) / max(1, min(_EASE_FRAMES, longest)))
+    count = max(1, min(_EASE_FRAMES, longest))
+    frames = eased[overlap : overlap + count]
+    weight = 1 - minimum_jerk(np.arange(len(frames)) / count)
     frames[:] = rotate(from_vector(weight[:, None, None] * rotation), frames.astype(np.float64))
     return eased
 

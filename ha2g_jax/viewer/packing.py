@@ -13,12 +13,11 @@ import soxr
 
 from ha2g_jax.figure import CAMERAS, SHIRTS
 from ha2g_jax.figure.shapes import to_hex
-from ha2g_jax.motion.armature import export_axes, figure_armature
+from ha2g_jax.motion.armature import export_axes, figure_armature, rest_positions
 from ha2g_jax.motion.formats import video
 from ha2g_jax.motion.formats.body_mesh import COLOURS, body_mesh
 from ha2g_jax.motion.formats.surfaces import Surface
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.motion.rigs import rest_positions
 from ha2g_jax.motion.smoothing import smoothstep
 from ha2g_jax.skeleton import Skeleton, load_skeleton, normalize
 
@@ -57,9 +56,10 @@ def pack_body(skeleton: Skeleton) -> dict[str, Any]:
     Returns:
         JSON values: "joints" of the armature and "hips", each a name, the index of its parent and its place in metres;
         "parts", each with the name and colour of a material, its numbers of points and faces; "points" in tenths of a
-        millimetre, a row over all points for each axis, as differences, int16; "bindings", four joints and then four
-        weights of 0 to 255 for each point, uint8; "faces", the three points of each, as differences, int16; "shirts",
-        the colours of figures side by side; "view", the smallest that is shown.
+        millimetre, a row over all points for each axis, as differences, int16; "bindings", four joints of each point,
+        and then, in as many further rows, its four weights of 0 to 255, uint8; "faces", the three points of each,
+        counted from the first of the part, as differences, int16; "shirts", the colours of figures side by side;
+        "view", the smallest that is shown.
     """
     return _pack_body(skeleton.name, tuple(np.round(np.asarray(skeleton.lengths, float), 5).tolist()))
 

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ha2g_jax.motion import lower_body, rigs, rotations
-from ha2g_jax.motion.armature import Animation, add_lower_body, ha2g_armature, world
+from ha2g_jax.motion.armature import Animation, add_lower_body, ha2g_armature, rest_positions, world
 from ha2g_jax.motion.lower_body import LowerBody
 from ha2g_jax.motion.rigs import retarget
 from ha2g_jax.skeleton import load_skeleton
@@ -182,7 +182,7 @@ def test_legs_stand_still():
 
 def axes_at_rest(name: str) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     armature = retarget(make_animation(size=0, frames=1), rigs.load_rig(name)).armature
-    turned, positions = rigs.rest_positions(armature)
+    turned, positions = rest_positions(armature)
     matrices = rotations.to_matrix(turned)
     return dict(zip(armature.joints, matrices)), dict(zip(armature.joints, positions))
 

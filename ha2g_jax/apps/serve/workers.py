@@ -26,6 +26,7 @@ from ha2g_jax.apps.serve.settings import Settings, bound, url
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import reason
 from ha2g_jax.progress import stage
+from ha2g_jax.stopping import signal_name
 
 _FIRST_WAIT, _MOST_WAIT = 1.0, 30.0  # seconds before a worker is replaced
 _LASTING_SECONDS = 60.0  # after which the next wait is the first again

@@ -23,7 +23,7 @@ from ha2g_jax.motion.control.parts import (
     scale_about_mean,
     scale_about_posture,
 )
-from ha2g_jax.motion.smoothing import minimum_jerk
+from ha2g_jax.motion.smoothing import minimum_jerk, to_unit
 from ha2g_jax.skeleton import Skeleton, mirror_directions
 
 EASE = 0.5  # seconds of the transition from the motion to a pose, and of the transition back
@@ -213,8 +213,7 @@ class RunningControls:
     def _posture(self, pose: np.ndarray) -> np.ndarray:
         self._num_frames += 1
         self._sum += max(1 / self._num_frames, self._least_weight) * (pose - self._sum)
-        lengths = np.linalg.norm(self._sum, axis=-1, keepdims=True)
-        return np.where(lengths > 1e-6, self._sum / np.maximum(lengths, 1e-6), pose)
+        return to_unit(self._sum, pose)
 
 
 def _amounts(controls: Controls, is_muted: bool) -> np.ndarray:

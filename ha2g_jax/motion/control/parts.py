@@ -98,6 +98,11 @@ def bones_of(chosen: tuple[Part, ...]) -> list[int]:
     return [bone for part in chosen for bone in part.bones]
 
 
+def bones_of_kind(skeleton: Skeleton, kind: str) -> list[int]:
+    """Return the indices of the bones of all parts of a kind, such as `HEAD`."""
+    return bones_of(tuple(part for part in parts(skeleton) if part.kind == kind))
+
+
 def _arm(skeleton: Skeleton, side: str) -> list[Part]:
     upper, fore = (skeleton.bone(f"{side}_{joint}") for joint in ("elbow", "wrist"))
     wrist = skeleton.joint(f"{side}_wrist")

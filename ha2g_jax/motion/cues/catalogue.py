@@ -10,11 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ha2g_jax import anatomy
-from ha2g_jax.motion.armature import export_axes
 from ha2g_jax.motion.control.parts import HEAD, SIDES, Part, arm_parts, bones_of, parts
 from ha2g_jax.skeleton import Skeleton, load_skeleton
 
-_FACING = np.array([1.0, -1.0, -1.0])  # `export_axes` of TED-Expressive
 _HANDS = {**anatomy.HAND_SHAPES, "index": (0.75, 0.0, 1.0, 1.0, 1.0), "soft": (0.15, 0.12, 0.16, 0.2, 0.22)}
 _HOLD = 0.95  # weight after the peak, so that a limb still moves a little with the speech
 _STRAIGHT = 0.995  # distance of the wrist of a straight arm, in lengths of the arm
@@ -180,7 +178,7 @@ def keyframes(skeleton: Skeleton, name: str) -> Keyframes:
     sides = {"": (), "both": SIDES, "one": ("left",) if is_left else ("right",)}.get(entry.arms, (entry.arms,))
     times = np.array(list(entry.keys))
     keys = list(entry.keys.values())
-    axes = _FACING * export_axes(skeleton)
+    axes = np.array([skeleton.left, 1.0, skeleton.left])
     moved = list(dict.fromkeys(limb for key in keys for limb in key.turns))
     turns = {limb: np.deg2rad([key.turns[limb] for key in keys]) * axes for limb in moved}
     arms = [key.arm for key in keys if key.arm is not None]

@@ -7,9 +7,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ha2g_jax.motion.control.parts import apply_rotations, power, rotations_from
+from ha2g_jax.motion.control.parts import apply_rotations, bones_of, power, rotations_from
 from ha2g_jax.motion.cues.catalogue import Keyframes, limbs
-from ha2g_jax.motion.resample import slerp
+from ha2g_jax.motion.resample import angles, slerp
 from ha2g_jax.motion.rotations import from_vector, rotate
 from ha2g_jax.motion.smoothing import minimum_jerk
 from ha2g_jax.skeleton import Skeleton
@@ -80,7 +80,7 @@ class RunningCues:
         """Begin at frame 0, after the pose `before` (bones, 3); without one, the motion may begin within a gesture."""
         self._fps, self._last, self.frame = fps, before, 0
         self._limbs = limbs(skeleton)
-        self._bones = {limb: [bone for part in of_limb for bone in part.bones] for limb, of_limb in self._limbs.items()}
+        self._bones = {limb: bones_of(of_limb) for limb, of_limb in self._limbs.items()}
         self._cues: list[_Running] = []  # those that run, by rank, and then those that wait
 
     def add(self, keys: Keyframes, time: float | None = None) -> None:
@@ -161,7 +161,7 @@ class RunningCues:
 
     def _way(self, cue: _Running, present: np.ndarray) -> float:
         """Return the largest angle that a bone turns from the current pose to the first one of a gesture."""
-        ways = [_angles(present[self._bones[limb]], poses[0]).max() for limb, poses in cue.keys.poses.items()]
+        ways = [angles(present[self._bones[limb]], poses[0]).max() for limb, poses in cue.keys.poses.items()]
         return float(max(ways, default=0.0))
 
     def _blend(self, frame: np.ndarray, cue: _Running, later: list[_Running]) -> None:
@@ -197,10 +197,10 @@ class RunningCues:
         last = frame if self._last is None else self._last
         for limb in moved:
             bones = np.array(self._bones[limb])
-            angles = _angles(last[bones], frame[bones])
-            is_fast = angles > MAX_SPEED / self._fps
+            turned = angles(last[bones], frame[bones])
+            is_fast = turned[:, 0] > MAX_SPEED / self._fps
             if is_fast.any():
-                bones, share = bones[is_fast], MAX_SPEED / self._fps / angles[is_fast, None]
+                bones, share = bones[is_fast], MAX_SPEED / self._fps / turned[is_fast]
                 frame[bones] = slerp(last[bones], frame[bones], share)
                 late.add(limb)
         return late
@@ -222,8 +222,3 @@ def _place(times: np.ndarray, time: float) -> tuple[int, int, float]:
     span = times[after] - times[before]
     share = min(max((time - times[before]) / span, 0.0), 1.0) if span else 0.0
     return before, after, float(minimum_jerk(np.asarray(share)))
-
-
-def _angles(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Return the angles (n,) between unit vectors (n, 3)."""
-    return 2 * np.arctan2(np.linalg.norm(first - second, axis=-1), np.linalg.norm(first + second, axis=-1))

@@ -49,20 +49,16 @@ def export(motion: Motion, path: str | pathlib.Path, *, rig: str = rigs.OWN) -> 
         floor = np.array([0.0, motion.lower.floor, 0.0])
         animation = dataclasses.replace(animation, translation=animation.translation - floor)
     animation = retarget(animation, target)
-    seconds, speech = motion.meta.get("duration"), motion.meta.get("speech")
-    if not isinstance(seconds, int | float):  # the metadata of a file may be any JSON
-        seconds = motion.num_frames / motion.fps
-    facts = {"duration": seconds, "audio_name": speech if isinstance(speech, str) else None}
     from ha2g_jax.motion.formats import bvh, fbx, gltf, tables  # glTF's library takes a sixth of a second
 
     if suffix == ".bvh":
         bvh.write(path, animation)
     elif suffix == ".glb":
-        gltf.write_glb(path, animation, **facts)
+        gltf.write_glb(path, animation)
     elif suffix == FBX:
-        fbx.write(path, animation, **facts)
+        fbx.write(path, animation)
     elif suffix == ".vrma":
-        gltf.write_vrma(path, animation, **facts)
+        gltf.write_vrma(path, animation)
     elif suffix == ".json":
         tables.write_json(path, animation)
     elif suffix == ".csv":

@@ -12,10 +12,11 @@ import numpy as np
 from ha2g_jax.errors import UserError
 from ha2g_jax.figure import DEFAULT_LOOK, Colour, person
 from ha2g_jax.motion import rigs
-from ha2g_jax.motion.armature import FOUR_FINGERS, Armature
+from ha2g_jax.motion.armature import FOUR_FINGERS, Armature, rest_positions
 from ha2g_jax.motion.formats.surfaces import Surface, ellipsoid, join, loft, tube, with_normals
 from ha2g_jax.motion.rotations import unit
 from ha2g_jax.motion.smoothing import smoothstep
+from ha2g_jax.skeleton import FINGERS
 
 # Joints that a rig must have for a body, besides neck and head.
 _NEEDED = ("spine", *(f"{side}_{part}" for side in ("left", "right") for part in ("shoulder", "elbow", "wrist")))
@@ -129,7 +130,7 @@ def arm(joints: Joints, side: str) -> tuple[Surface, list[Surface]]:
     sleeve = tube(path, radii, influence, _Z, caps=(0.5, 0.0))
     skin = [_wrist(joints, side), _palm(joints, side)]
     if f"{side}_index_1" in joints:
-        skin += [_finger(joints, side, finger) for finger in ("thumb", *FOUR_FINGERS)]
+        skin += [_finger(joints, side, finger) for finger in FINGERS]
     return sleeve, skin
 
 
@@ -193,7 +194,7 @@ def _finger(joints: Joints, side: str, finger: str) -> Surface:
     wrist = joints[f"{side}_wrist"]
     below = chain[0] - wrist
     root = wrist + 0.35 * below if finger == "thumb" else chain[0] - 0.02 * size * unit(below)
-    radius = person.FINGER_RADII[person.FINGERS.index(finger)]
+    radius = person.FINGER_RADII[FINGERS.index(finger)]
     tip = chain[2] + size * (person.FINGER_TIP - 0.4 * radius) * unit(chain[2] - chain[1])
     corners = np.array([root, *chain, tip])
     lengths = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
@@ -232,7 +233,7 @@ def body_mesh(armature: Armature) -> dict[str, Surface]:
     Raises:
         UserError: the rig lacks a joint that the body needs.
     """
-    _, positions = rigs.rest_positions(armature)
+    _, positions = rest_positions(armature)
     places = {name: positions[index] for name, index in rigs.places(armature).items()}
     carriers = rigs.carriers(armature)
     missing = [f"place {name!r}" for name in ("neck", *_NEEDED) if name not in places]

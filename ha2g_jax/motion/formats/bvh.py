@@ -7,8 +7,7 @@ import numpy as np
 
 from ha2g_jax.files.writing import whole_file
 from ha2g_jax.motion import rotations
-from ha2g_jax.motion.armature import Animation, Armature, world
-from ha2g_jax.motion.rigs import rest_positions
+from ha2g_jax.motion.armature import Animation, Armature, relative, rest_positions, world
 from ha2g_jax.progress import progress_bar
 
 _CENTIMETRES = 100.0
@@ -48,11 +47,7 @@ def _angles(animation: Animation) -> np.ndarray:
     """Return (T, J, 3) angles in degrees of joints whose axes at rest are those of the world."""
     rotated, _ = world(animation)
     at_rest, _ = rest_positions(animation.armature)
-    rotated = rotations.multiply(rotated, rotations.conjugate(at_rest))
-    local = rotated.copy()
-    for joint, parent in enumerate(animation.armature.parents):
-        if parent >= 0:
-            local[:, joint] = rotations.multiply(rotations.conjugate(rotated[:, parent]), rotated[:, joint])
+    local = relative(rotations.multiply(rotated, rotations.conjugate(at_rest)), animation.armature.parents)
     return np.unwrap(rotations.to_euler(local, _ORDER), period=360, axis=0)
 
 

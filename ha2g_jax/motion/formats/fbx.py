@@ -7,7 +7,6 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from typing import Any
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
@@ -42,7 +41,7 @@ def find_blender() -> list[str]:
     )
 
 
-def write(path: str | pathlib.Path, animation: Animation, **facts: Any) -> None:
+def write(path: str | pathlib.Path, animation: Animation) -> None:
     """Write a `.fbx` file with the joints, the body and the motion of `gltf.write_glb`.
 
     Raises:
@@ -53,7 +52,7 @@ def write(path: str | pathlib.Path, animation: Animation, **facts: Any) -> None:
     command = find_blender()
     with whole_file(path) as temporary, tempfile.TemporaryDirectory() as folder:
         motion = pathlib.Path(folder) / "motion.glb"
-        gltf.write_glb(motion, animation, **facts)
+        gltf.write_glb(motion, animation)
         done = subprocess.run(
             [*command, str(motion), "-o", str(temporary)], capture_output=True, text=True, errors="replace", check=False
         )

@@ -10,11 +10,11 @@ import pygltflib
 from ha2g_jax.figure import Colour
 from ha2g_jax.files.writing import whole_file
 from ha2g_jax.motion import rotations
-from ha2g_jax.motion.armature import Animation, figure_armature
+from ha2g_jax.motion.armature import Animation, figure_armature, rest_positions
 from ha2g_jax.motion.formats.body_mesh import COLOURS, body_mesh
 from ha2g_jax.motion.lower_body import JOINTS as LOWER_JOINTS
 from ha2g_jax.motion.lower_body import SOLE
-from ha2g_jax.motion.rigs import places, rest_positions
+from ha2g_jax.motion.rigs import places
 from ha2g_jax.skeleton import Skeleton
 
 # A joint that changes by less than this needs no channel: its node already has the rest rotation.
@@ -29,9 +29,7 @@ _COMPONENTS = {
 _EXTENSION = "VRMC_vrm_animation"
 
 
-def write_glb(
-    path: str | pathlib.Path, animation: Animation, *, duration: float | None = None, audio_name: str | None = None
-) -> None:
+def write_glb(path: str | pathlib.Path, animation: Animation) -> None:
     """Write a `.glb` file: metres, y up, facing +z.
 
     The nodes have the names and the rest pose of the joints, below a node with the name of the rig. The `extras` of the
@@ -40,12 +38,10 @@ def write_glb(
     document = Document()
     nodes = document.add_armature(animation)
     _add_body(document, animation, nodes)
-    document.write(path, _extras(animation, duration, audio_name))
+    document.write(path, _extras(animation))
 
 
-def write_vrma(
-    path: str | pathlib.Path, animation: Animation, *, duration: float | None = None, audio_name: str | None = None
-) -> None:
+def write_vrma(path: str | pathlib.Path, animation: Animation) -> None:
     """Write a `.vrma` file (VRMC_vrm_animation-1.0), whose nodes rotate from the T-pose as the bones of any VRM
     avatar.
     """
@@ -54,7 +50,7 @@ def write_vrma(
     bones = {name: {"node": node} for name, node in zip(animation.armature.joints, nodes, strict=True)}
     document.gltf.extensionsUsed = [_EXTENSION]
     document.gltf.extensions = {_EXTENSION: {"specVersion": "1.0", "humanoid": {"humanBones": bones}}}
-    document.write(path, _extras(animation, duration, audio_name))
+    document.write(path, _extras(animation))
 
 
 def write_figure(path: str | pathlib.Path, skeleton: Skeleton) -> None:
@@ -170,11 +166,15 @@ def _plain(values: np.ndarray) -> list[float]:
     return [round(float(value), 9) + 0.0 for value in values]
 
 
-def _extras(animation: Animation, duration: float | None, audio_name: str | None) -> dict[str, Any]:
+def _extras(animation: Animation) -> dict[str, Any]:
     """Return the `extras` of a motion: `fps`, `frames`, `audio_seconds` and `audio` of the speech, and `meta`."""
-    facts = {"fps": animation.fps, "frames": animation.num_frames, "audio_seconds": duration, "audio": audio_name}
-    known = {key: value for key, value in facts.items() if value is not None}
-    return json.loads(json.dumps(known | {"meta": animation.meta}, sort_keys=True))
+    meta, frames = animation.meta, animation.num_frames
+    seconds, speech = meta.get("duration"), meta.get("speech")
+    if not isinstance(seconds, int | float):  # the metadata of a file may be any JSON
+        seconds = frames / animation.fps
+    audio = {"audio": speech} if isinstance(speech, str) else {}
+    facts = {"fps": animation.fps, "frames": frames, "audio_seconds": seconds, "meta": meta, **audio}
+    return json.loads(json.dumps(facts, sort_keys=True))
 
 
 def _add_body(document: Document, animation: Animation, nodes: list[int]) -> None:

@@ -20,7 +20,6 @@ import numpy as np
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import naming, reason, shown
 from ha2g_jax.limits import MAX_MOTION_JOINTS
-from ha2g_jax.motion.armature import export_axes
 from ha2g_jax.motion.motion import check_length
 from ha2g_jax.motion.readers import joint_maps
 from ha2g_jax.motion.readers.body import choose_up, is_mirrored, to_skeleton_axes
@@ -134,7 +133,7 @@ def in_skeleton(arrays: Arrays, skeleton: Skeleton, joint_map: str, path: pathli
     side = np.sign((positions[:, left, 0] - positions[:, right, 0]).mean())
     with naming(path):
         up = choose_up(positions, skeleton, stated)
-        if up == _OURS_DOWN and side == export_axes(skeleton)[0]:
+        if up == _OURS_DOWN and side == skeleton.left:
             return positions
         return to_skeleton_axes(positions, skeleton, up=up)
 

@@ -5,9 +5,8 @@ from scipy.spatial.transform import Rotation
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.limits import MAX_MOTION_FPS, MAX_POSED_JOINTS, MAX_SOUND_SECONDS, MIN_MOTION_FPS
-from ha2g_jax.motion.armature import FOUR_FINGERS, LEFT, export_axes, ha2g_armature
+from ha2g_jax.motion.armature import FOUR_FINGERS, LEFT, ha2g_armature, rest_positions
 from ha2g_jax.motion.lower_body import JOINTS, PARENTS, LowerBody
-from ha2g_jax.motion.rigs import rest_positions
 from ha2g_jax.motion.rotations import unit
 from ha2g_jax.skeleton import Skeleton
 
@@ -15,10 +14,8 @@ UPS = ("y", "-y", "z", "-z", "x", "-x")
 ARM, ARM_RANGE = 0.55, (0.3, 1.0)  # metres from shoulder to wrist of an adult, and of any person
 MAX_MINUTES = 2 * MAX_SOUND_SECONDS / 60  # length of a motion: audio must have at least half the length of its motion
 
-_UP_VECTORS = {
-    **{"y": (0.0, 1.0, 0.0), "-y": (0.0, -1.0, 0.0), "z": (0.0, 0.0, 1.0), "-z": (0.0, 0.0, -1.0)},
-    **{"x": (1.0, 0.0, 0.0), "-x": (-1.0, 0.0, 0.0)},
-}
+_AXES_UP = np.array([(0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1), (1, 0, 0), (-1, 0, 0)], float)
+_UP_VECTORS = dict(zip(UPS, _AXES_UP, strict=True))
 # Minimum horizontal fraction of the shoulders' width, in a frame and on average, that determines where a person faces.
 _MIN_LEVEL, _MIN_MEAN_LEVEL = 0.2, 0.1
 _MIN_EVIDENCE = 0.15  # mean evidence of feet and hands, each from -1 to 1, that suffices for a verdict
@@ -120,27 +117,22 @@ def _headings(positions: np.ndarray, skeleton: Skeleton, up: str) -> tuple[np.nd
     return _frame(left, skeleton, up), np.where(is_level, level, 0.0)
 
 
-def find_up(positions: np.ndarray, skeleton: Skeleton) -> str:
-    """Find the axis of `UPS` that points up: the one nearest to the mean direction from spine to neck."""
-    mean = _trunk(positions, skeleton)
-    return max(UPS, key=lambda up: float(mean @ np.array(_UP_VECTORS[up])))
-
-
 def choose_up(positions: np.ndarray, skeleton: Skeleton, stated: str | None) -> str:
-    """Return the axis that is stated to point up, or else that of `find_up`.
+    """Return the axis that is stated to point up, or else the one nearest to the mean direction from spine to neck.
 
     Raises:
         UserError: the trunk keeps to another axis than the stated one.
     """
-    found = find_up(positions, skeleton)
-    if stated not in (None, found) and float(_trunk(positions, skeleton) @ np.array(_UP_VECTORS[found])) > _KEEPS:
+    trunk = _trunk(positions, skeleton)
+    found = max(UPS, key=lambda up: float(trunk @ _UP_VECTORS[up]))
+    if stated not in (None, found) and trunk @ _UP_VECTORS[found] > _KEEPS:
         raise UserError(f"up is stated as {stated}, but the trunk points along {found}; correct it, or leave it out")
     return stated or found
 
 
 def is_turned(positions: np.ndarray, skeleton: Skeleton, up: str) -> bool:
     """Return whether the trunk keeps to another axis than y, as where another program turned the root of a file."""
-    return up != "y" and float(_trunk(positions, skeleton) @ np.array(_UP_VECTORS[up])) > _KEEPS
+    return up != "y" and float(_trunk(positions, skeleton) @ _UP_VECTORS[up]) > _KEEPS
 
 
 def _trunk(positions: np.ndarray, skeleton: Skeleton) -> np.ndarray:
@@ -151,7 +143,7 @@ def _trunk(positions: np.ndarray, skeleton: Skeleton) -> np.ndarray:
 def _left(positions: np.ndarray, skeleton: Skeleton, up: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the horizontal part of each frame's unit vector to the person's left, (T, 3), and its length (T,)."""
     shoulders = positions[:, skeleton.joint("left_shoulder")] - positions[:, skeleton.joint("right_shoulder")]
-    vertical, left = np.array(_UP_VECTORS[up]), unit(shoulders)
+    vertical, left = _UP_VECTORS[up], unit(shoulders)
     left = left - (left @ vertical)[:, None] * vertical
     return left, np.linalg.norm(left, axis=-1)
 
@@ -159,8 +151,8 @@ def _left(positions: np.ndarray, skeleton: Skeleton, up: str) -> tuple[np.ndarra
 def _frame(left: np.ndarray, skeleton: Skeleton, up: str) -> np.ndarray:
     """Return (T, 3, 3) with the skeleton's axes as columns, from horizontal vectors (T, 3) to the person's left."""
     left = left / np.linalg.norm(left, axis=-1, keepdims=True)
-    x = export_axes(skeleton)[0] * left
-    y = np.broadcast_to(-np.array(_UP_VECTORS[up]), x.shape)
+    x = skeleton.left * left
+    y = np.broadcast_to(-_UP_VECTORS[up], x.shape)
     return np.stack([x, y, np.cross(x, y)], axis=-1)
 
 

@@ -17,21 +17,7 @@ _MAX_NAME_WORDS = 8
 _CHANNELS = {f"{axis}{kind}": f"{axis.upper()}{kind}" for axis in "xyz" for kind in ("position", "rotation")}
 # Usual rates, whose frame times exporters round.
 USUAL_RATES = (
-    10,
-    15,
-    20,
-    24,
-    25,
-    30,
-    50,
-    60,
-    90,
-    100,
-    120,
-    125,
-    200,
-    240,
-    250,
+    *(10, 15, 20, 24, 25, 30, 50, 60, 90, 100, 120, 125, 200, 240, 250),
     *(rate / 1.001 for rate in (24, 30, 60, 120)),
 )
 _MIN_DIGITS = 3  # decimals that a frame time needs to identify a usual rate

@@ -9,9 +9,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import check_regular, naming, reading, shown
+from ha2g_jax.files.reading import check_regular, naming, shown
 from ha2g_jax.motion import rigs
-from ha2g_jax.motion.armature import export_axes, ha2g_armature
+from ha2g_jax.motion.armature import export_axes, ha2g_armature, rest_positions
 from ha2g_jax.motion.lower_body import JOINTS as LOWER_JOINTS
 from ha2g_jax.motion.lower_body import LowerBody
 from ha2g_jax.motion.readers.body import (
@@ -33,9 +33,10 @@ from ha2g_jax.motion.readers.body import (
     to_skeleton_axes,
 )
 from ha2g_jax.motion.readers.bvh import Bvh, read_bvh
-from ha2g_jax.motion.readers.gltf import MAGIC, read_gltf
+from ha2g_jax.motion.readers.containers import container_of
+from ha2g_jax.motion.readers.gltf import read_gltf
 from ha2g_jax.motion.readers.joint_maps import AUTO, HEAD, choose_map, find, find_legs
-from ha2g_jax.motion.readers.trees import is_csv, read_csv
+from ha2g_jax.motion.readers.trees import read_csv
 from ha2g_jax.motion.resample import moments_at
 from ha2g_jax.motion.rotations import unit as unit_vectors
 from ha2g_jax.skeleton import Skeleton
@@ -43,8 +44,6 @@ from ha2g_jax.skeleton import Skeleton
 TREES = (".bvh", ".glb", ".vrma", ".csv")
 """Suffixes of files that hold a tree of joints, other than `.json`."""
 
-_EXPECTED = f"motion of joints: {', '.join(TREES)}"
-_HEAD = 64  # bytes that show the kind of a file
 _AXES = "XYZ"
 _METRIC_UNITS = (0.001, 0.01, 1.0)  # millimetres, centimetres, metres
 _UNITS = (*_METRIC_UNITS, 0.0254)  # inches
@@ -168,20 +167,16 @@ def read_motion(
     return to_motion(read_tree(path, source_fps), path, skeleton, **options)
 
 
-def read_tree(path: str | os.PathLike, source_fps: float | None = None) -> Bvh:
+def read_tree(path: str | os.PathLike, source_fps: float | None) -> Bvh:
     """Read the tree of joints of a BVH file, of the animation of a glTF file or of a `.csv` of `ha2g export`.
 
     Raises:
         UserError: the file is none of these, or damaged.
     """
     path = pathlib.Path(path)
-    check_regular(path, _EXPECTED)
-    with reading(path, _EXPECTED), path.open("rb") as file:
-        head = file.read(_HEAD).lstrip()
-    if head.startswith(MAGIC) or (path.suffix.lower() in (".glb", ".vrma") and not head.startswith(b"HIERARCHY")):
-        return read_gltf(path, source_fps)
-    is_table = is_csv(path) or (path.suffix.lower() == ".csv" and b"HIERARCHY" not in head.upper())
-    return read_csv(path, source_fps) if is_table else read_bvh(path, source_fps)
+    check_regular(path, f"motion of joints: {', '.join(TREES)}")
+    read = {".glb": read_gltf, ".csv": read_csv}.get(container_of(path), read_bvh)
+    return read(path, source_fps)
 
 
 def to_motion(
@@ -253,7 +248,7 @@ def _rests_on_rig(bvh: Bvh, name: str, places: Mapping[str, int], skeleton: Skel
     if name not in rigs.RIGS:
         return False
     armature = rigs.armature_of(rigs.load_rig(name), ha2g_armature(skeleton))
-    _, theirs = rigs.rest_positions(armature)
+    _, theirs = rest_positions(armature)
     where = rigs.places(armature)
     rest = np.zeros_like(bvh.offsets)
     for joint, parent in enumerate(bvh.parents):

@@ -22,7 +22,7 @@ _PICKLES = (".pkl", ".pickle", ".p", ".pk")
 _PICKLE = b"\x80"  # begins every pickle of protocol 2 or later
 _BEGINNINGS = {
     **{b"PK": ".npz", b"\x93NUMPY": ".npy", b"{": ".json", b"[": ".json", b"HIERARCHY": ".bvh"},
-    **{b"GLTF": ".glb", trees.CSV.upper(): ".csv"},
+    b"GLTF": ".glb",
 }
 _HEAD = 64  # bytes that show the container
 _MAX_GROUPS = 2_000_000  # lists of a JSON file, which take long to parse; a position of a joint is one
@@ -56,7 +56,7 @@ def read_content(path: pathlib.Path) -> Content:
         UserError: the file is missing, a pickle, damaged or too large, or none of `SUFFIXES`.
     """
     check_regular(path, _EXPECTED)
-    container = _container(path)
+    container = container_of(path)
     arrays: Mapping[str, Any] = {}
     array = np.zeros(0)
     if container == ".npz":
@@ -72,8 +72,12 @@ def read_content(path: pathlib.Path) -> Content:
     return Content(path, container, arrays, array)
 
 
-def _container(path: pathlib.Path) -> str:
-    """Return the suffix that the first bytes of a file stand for, or its own where they do not tell."""
+def container_of(path: pathlib.Path) -> str:
+    """Return the suffix of `SUFFIXES` that the first bytes of a file stand for, or its own where they do not tell.
+
+    Raises:
+        UserError: the file cannot be read, is a pickle, or none of `SUFFIXES`.
+    """
     with reading(path, _EXPECTED), path.open("rb") as file:
         head = file.read(_HEAD)
     suffix = path.suffix.lower()
@@ -86,6 +90,8 @@ def _container(path: pathlib.Path) -> str:
     for beginning, container in _BEGINNINGS.items():
         if text.startswith(beginning):
             return container
+    if trees.is_csv(path):
+        return ".csv"
     if suffix in SUFFIXES:
         return ".glb" if suffix == ".vrma" else suffix
     raise UserError(f"{shown(path)} is not a motion; expected {_KINDS}")

@@ -15,8 +15,7 @@ from ha2g_jax.motion.armature import Armature
 from ha2g_jax.motion.readers.bvh import Bvh
 from ha2g_jax.motion.readers.trees import as_rotations, frame_rate, to_bvh
 
-MAGIC = b"glTF"
-
+_MAGIC = b"glTF"
 _EXPECTED = "an animation in glTF 2.0 (.glb)"
 _OWN = "ha2g-jax"  # the generator of our files, which say their frame rate
 _FPS = 30.0  # of an animation whose keys are farther apart than the frames of a motion
@@ -30,7 +29,7 @@ _WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
 _BONES = ("VRMC_vrm_animation", "VRMC_vrm")  # extensions that name the bones of a person, whatever the nodes' names
 
 
-def read_gltf(path: pathlib.Path, fps: float | None = None) -> Bvh:
+def read_gltf(path: pathlib.Path, fps: float | None) -> Bvh:
     """Read the only animation of a file as a tree of joints, sampled at its frame rate from the time 0 on.
 
     The joints are those of the skins, or without a skin all nodes, with the nodes above them; bones of VRM have their
@@ -53,7 +52,7 @@ class _File:
 
     def __init__(self, path: pathlib.Path, content: bytes) -> None:
         magic, version, size, kind = struct.unpack_from("<4sI4xI4s", content)
-        if (magic, version, kind) != (MAGIC, 2, b"JSON") or len(content) < 20 + size:
+        if (magic, version, kind) != (_MAGIC, 2, b"JSON") or len(content) < 20 + size:
             raise ValueError("its head is none of glTF 2.0, or it is cut off")
         if size > limits.MAX_MOTION_JSON_BYTES:
             raise ValueError(f"{size} bytes of JSON, expected at most {limits.MAX_MOTION_JSON_BYTES}")

@@ -30,8 +30,6 @@ from ha2g_jax.motion.readers.smplx_body import FACE, HEAD, JOINTS, PARENTS, Body
 from ha2g_jax.motion.resample import moments_at
 from ha2g_jax.skeleton import Skeleton
 
-AUTO = "auto"
-
 _MAX_BYTES = 1 << 28
 _CHEST = "spine3"  # joint used as `spine` of the skeletons, whose trunk is the bone from here to the neck
 _LOWER = [JOINTS.index(name) for name in LOWER_JOINTS]
@@ -68,7 +66,7 @@ def read_smplx(
     fps: float | None,
     source_fps: float | None = None,
     unit: float | None = None,
-    up: str = AUTO,
+    up: str | None = None,
 ) -> SmplxMotion:
     """Read the SMPL-X motion of a file as joints of a skeleton; `smplx_arrays` lists the layouts.
 
@@ -83,7 +81,7 @@ def read_smplx(
         fps: frames per second of the result; None keeps those of the file.
         source_fps: frames per second of the file; None uses the rate stored in it as `mocap_frame_rate` or `fps`.
         unit: metres in one unit of positions and translations; None stands for metres.
-        up: axis of the file that points up, one of `body.UPS`; "auto" takes the one nearest to the mean spine.
+        up: axis of the file that points up, one of `body.UPS`; None takes the one nearest to the mean spine.
 
     Raises:
         UserError: the file has no such arrays, wrong shapes, invalid values, or no frame rate.
@@ -101,7 +99,9 @@ def read_smplx(
         return to_motion(to_arrays(arrays, source_fps, unit), skeleton, body, fps=fps, up=up)
 
 
-def to_motion(arrays: SmplxArrays, skeleton: Skeleton, body: Body, *, fps: float | None, up: str = AUTO) -> SmplxMotion:
+def to_motion(
+    arrays: SmplxArrays, skeleton: Skeleton, body: Body, *, fps: float | None, up: str | None = None
+) -> SmplxMotion:
     """Convert the arrays of a file to joints of a skeleton; see `read_smplx`.
 
     Raises:
@@ -120,11 +120,11 @@ def to_motion(arrays: SmplxArrays, skeleton: Skeleton, body: Body, *, fps: float
         points, rotations = _pose(frames, rest, moments)
         points += _between(arrays.trans, moments)[:, None]
         positions = _choose(points, skeleton)
-        if arrays.is_own and up == AUTO:
+        if arrays.is_own and up is None:
             up, axes = "y", np.diag(export_axes(skeleton))
             positions = add_rest_face(positions, rotations[HEAD].as_matrix(), skeleton)
         else:
-            up = choose_up(positions, skeleton, None if up == AUTO else up)
+            up = choose_up(positions, skeleton, up)
             axes = mean_heading(positions, skeleton, up=up)
         to_export = axes * export_axes(skeleton)
         lower = from_rest_pose(
@@ -213,14 +213,14 @@ def _pose(axis_angles: np.ndarray, rest: np.ndarray, moments: np.ndarray) -> tup
     return positions, rotations
 
 
-def _from_positions(found: np.ndarray, skeleton: Skeleton, up: str) -> tuple[np.ndarray, str]:
+def _from_positions(found: np.ndarray, skeleton: Skeleton, up: str | None) -> tuple[np.ndarray, str]:
     """Return the joints of the skeleton (T, joints, 3) from those of SMPL-X (T, 55 or more, 3), and the up axis."""
     has_face = found.shape[1] > len(JOINTS)
     count = len(JOINTS) + (len(FACE) - 1 if has_face else 0)
     points = np.zeros((len(found), len(JOINTS) + len(FACE), 3))
     points[:, :count] = found[:, :count]
     positions = _choose(points, skeleton)
-    up = choose_up(positions, skeleton, None if up == AUTO else up)
+    up = choose_up(positions, skeleton, up)
     positions_with_face = add_face(positions, points[:, HEAD], _head_rotations(points), skeleton, up=up)
     made = [joint in FACE and (joint == "head" or not has_face) for joint in skeleton.joints]
     positions[:, made] = positions_with_face[:, made]

@@ -12,7 +12,7 @@ from ha2g_jax import limits
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import naming, reading, reason, shown
 from ha2g_jax.motion import lower_body, rigs, rotations
-from ha2g_jax.motion.armature import Animation, Armature, ha2g_armature, with_legs, world
+from ha2g_jax.motion.armature import Animation, Armature, ha2g_armature, rest_positions, with_legs, world
 from ha2g_jax.motion.motion import check_length
 from ha2g_jax.motion.readers.bvh import USUAL_RATES, Bvh
 from ha2g_jax.skeleton import SKELETONS, load_skeleton
@@ -46,7 +46,7 @@ def to_bvh(armature: Armature, local: np.ndarray, places: Mapping[int, np.ndarra
     check_length(len(local), fps)
     if not all((np.abs(values) <= _MAX_PLACE).all() for values in (armature.offsets, *places.values())):
         raise UserError("it has places that are not finite or too far away; export it again")
-    turned, _ = rigs.rest_positions(armature)
+    turned, _ = rest_positions(armature)
     above = np.stack([turned[parent] if parent >= 0 else rotations.IDENTITY for parent in armature.parents])
     plain = rotations.multiply(rotations.multiply(above, as_rotations(local)), rotations.conjugate(turned))
     angles, channels, columns = rotations.to_euler(plain, "ZXY"), list[tuple[str, ...]](), list[np.ndarray]()
@@ -104,7 +104,7 @@ def is_csv(path: pathlib.Path) -> bool:
     return False
 
 
-def read_csv(path: pathlib.Path, fps: float | None = None) -> Bvh:
+def read_csv(path: pathlib.Path, fps: float | None) -> Bvh:
     """Read a `.csv` that `ha2g export` wrote; the names of its joints tell the rig, which has their tree.
 
     The frame rate is `fps`, or by default that of the times of the frames. A spreadsheet may have put semicolons or

@@ -131,7 +131,7 @@ class Known(NamedTuple):
     angle: float
 
 
-def continue_angle(observation: complex, fps: float, before: Known | None = None) -> Known:
+def continue_angle(observation: complex, fps: float, before: Known | None) -> Known:
     """Fit the angle of one further frame, the last angle of `smooth_angle` with the observations up to it.
 
     This is the elimination of the banded system of `smooth_angle`, frame by frame: a Kalman filter of a random walk.

@@ -6,9 +6,9 @@ from PIL import Image, ImageDraw
 
 from ha2g_jax.figure import DEFAULT_LOOK, draw_figure, fit
 from ha2g_jax.figure.shapes import backdrop, project
-from ha2g_jax.motion.armature import export_axes, figure_armature
+from ha2g_jax.motion.armature import export_axes, figure_armature, rest_positions
 from ha2g_jax.motion.formats.body_mesh import COLOURS, body_mesh
-from ha2g_jax.motion.rigs import RIGS, rest_positions
+from ha2g_jax.motion.rigs import RIGS
 from ha2g_jax.skeleton import load_skeleton
 
 

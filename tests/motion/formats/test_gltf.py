@@ -38,7 +38,7 @@ def test_joints_are_where_we_say_at_ten_times(animate, tmp_path, rig):
 @pytest.mark.parametrize("skeleton", ["ted_expressive", "ted_gesture"])
 def test_the_khronos_validator_finds_nothing(animate, tmp_path, validator, skeleton, rig, frames):
     animation = animate(skeleton, frames, rig)
-    gltf.write_glb(tmp_path / "m.glb", animation, duration=0.8, audio_name="a.wav")
+    gltf.write_glb(tmp_path / "m.glb", animation)
     if rig == "vrm":
         gltf.write_vrma(tmp_path / "m.vrma", animation)
     for path in tmp_path.iterdir():
@@ -79,7 +79,7 @@ def test_the_skin_fits_at_rest_and_follows_the_joints(animate, tmp_path, rig):
 
 
 def test_a_vrma_has_bones_that_rest_unturned_and_no_mesh(animate, tmp_path):
-    gltf.write_vrma(tmp_path / "m.vrma", animate(rig="vrm"), duration=0.8)
+    gltf.write_vrma(tmp_path / "m.vrma", animate(rig="vrm"))
     tree = GlbReader(tmp_path / "m.vrma").tree
     extension = tree["extensions"]["VRMC_vrm_animation"]
     assert tree["extensionsUsed"] == ["VRMC_vrm_animation"]

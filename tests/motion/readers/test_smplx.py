@@ -24,7 +24,7 @@ def _poses(num_frames: int, **axis_angles) -> np.ndarray:
     return poses.reshape(num_frames, -1)
 
 
-def _read(folder, skeleton=EXPRESSIVE, fps=30.0, source_fps=None, up="auto", **arrays) -> dict[str, np.ndarray]:
+def _read(folder, skeleton=EXPRESSIVE, fps=30.0, source_fps=None, up=None, **arrays) -> dict[str, np.ndarray]:
     """Joint -> (frames, 3) of a file with these arrays."""
     np.savez(folder / "a.npz", allow_pickle=True, **({"mocap_frame_rate": 30} | arrays))
     motion = read_smplx(folder / "a.npz", skeleton, BODY, fps=fps, source_fps=source_fps, up=up)

@@ -6,7 +6,7 @@ import pytest
 from ha2g_jax.apps.genea import sample
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion import rigs, solver
-from ha2g_jax.motion.armature import world
+from ha2g_jax.motion.armature import rest_positions, world
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.readers import smplx as ours
 from ha2g_jax.motion.readers import smplx_arrays
@@ -165,7 +165,7 @@ def test_what_is_written_has_our_joints_in_the_package(package, tmp_path):
     assert tuple(PARENTS) == tuple(animation.armature.parents)
     _, places = world(animation)
     sample.from_motion(motion, FRAMES).write(tmp_path / "x.npz")
-    write_model(tmp_path / "SMPLX_NEUTRAL.npz", rigs.rest_positions(animation.armature)[1])
+    write_model(tmp_path / "SMPLX_NEUTRAL.npz", rest_positions(animation.armature)[1])
     with np.load(tmp_path / "x.npz") as arrays:
         theirs = package(tmp_path / "SMPLX_NEUTRAL.npz", dict(arrays))
     np.testing.assert_allclose(theirs - theirs[:, :1], places - places[:, :1], atol=MILLIMETRE / 10)
