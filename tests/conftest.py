@@ -18,6 +18,8 @@ import jaxlib.version
 os.environ["JAX_PLATFORMS"] = "cpu"
 os.environ["XLA_FLAGS"] = (
     "--xla_force_host_platform_device_count=8 --xla_backend_optimization_level=0 "
+    # Splitting programs for several threads takes an eighth more, and other workers have the cores.
+    "--xla_cpu_parallel_codegen_split_count=1 "
     + ("--xla_cpu_use_fusion_emitters=false " if jaxlib.version.__version_info__ < (0, 11, 1) else "")
     + os.environ.get("XLA_FLAGS", "")  # of two equal flags the last holds
 )
