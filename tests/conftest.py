@@ -29,6 +29,8 @@ os.environ["JAX_COMPILATION_CACHE_DIR"] = os.environ.get(
 os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
 # Processes that compile one program at once may read half an entry of the other; it is compiled again.
 os.environ["PYTHONWARNINGS"] = "ignore:Error reading persistent compilation cache entry:UserWarning"
+# OpenBLAS's threads wait for each other in a loop, which takes the cores from other workers.
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
 os.environ["HA2G_ONEDNN"] = "0"  # the tests of oneDNN use it all the same
 # numba compiles librosa without optimisation here, and keeps the result apart from that of ordinary use.
 os.environ["NUMBA_OPT"] = "0"
