@@ -4,7 +4,6 @@ import functools
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import signal
 
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.spectrum import (
@@ -131,6 +130,8 @@ def reverberate(mel: np.ndarray, seconds: float, direct_db: float) -> np.ndarray
     by 60 dB in `seconds`. Powers add, as in `add_noise`; what was spoken before the window leaves no trace. `direct_db`
     is the power of the direct sound over that of its reverberation, -10 log10 r.
     """
+    from scipy import signal  # most runs have no rooms, and its import takes most of a second in each process
+
     decay = 10 ** (-6 * HOP_LENGTH / SAMPLE_RATE / seconds)
     power = np.power(10, mel.astype(np.float64) / 10)
     tail = np.asarray(signal.lfilter([0, 1 - decay], [1, -decay], power))
