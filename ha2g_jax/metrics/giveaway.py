@@ -4,6 +4,7 @@ The value is the area under the ROC curve on recordings that the classifier has 
 apart, at 1 always. There is a value for each group of features, so that they show how motion differs from a person's.
 """
 
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -187,11 +188,12 @@ def columns(group: str) -> np.ndarray:
     return np.array([index for index, (owner, _) in enumerate(names) if group in (owner, ALL)])
 
 
-def feature_names() -> list[tuple[str, str]]:
+@functools.cache
+def feature_names() -> tuple[tuple[str, str], ...]:
     """Return group and name of each feature, in order."""
     hands, body = np.ones((75, 2, 3)) * ((1,), (-1,)), np.ones((75, 3))
     sample = UpperBody(hands, hands, body, body, 15.0)
-    return [(group, name) for group, function in GROUPS.items() for name in function(sample)]
+    return tuple((group, name) for group, function in GROUPS.items() for name in function(sample))
 
 
 def windows_of(bodies: Sequence[UpperBody], clips: np.ndarray, recordings: np.ndarray) -> Windows:
