@@ -8,7 +8,7 @@ depth in the same unit; the size of the palm gives the number of pixels in a met
 from typing import NamedTuple
 
 import numpy as np
-from scipy import ndimage, signal
+from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
 from ha2g_jax.skeleton import (
@@ -223,6 +223,8 @@ def _interpolate(values: np.ndarray, resting: np.ndarray, max_gap: int) -> np.nd
 
 def _low_pass(values: np.ndarray, fps: float, cutoff: float) -> np.ndarray:
     """Filter along the first axis, without delay; -6 dB at the cutoff for the two passes together."""
+    from scipy import signal  # its import takes most of a second, in the process of each video, used or not
+
     if len(values) < 2:
         return values
     sections = signal.butter(_ORDER, cutoff, fs=fps, output="sos")
