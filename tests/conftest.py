@@ -71,6 +71,7 @@ THOROUGH = (
     "config/test_presets.py::test_cells_of_the_factorial_study_have_as_many_parameters[medium",
     "config/test_presets.py::test_every_debug_preset_gives_a_step_in_float32[talk-joint_embedding-changes11",
     "config/test_presets.py::test_every_debug_preset_gives_a_step_in_float32[talk-seq2seq-changes10",
+    "config/test_presets.py::test_every_debug_preset_gives_a_step_in_float32[ted_expressive-ha2g",
     "config/test_presets.py::test_every_debug_preset_gives_a_step_in_float32[ted_gesture-ha2g",
     "data/talk/test_build.py::test_workers_do_not_change_the_bytes",
     "data/talk/test_flite.py::test_workers_do_not_change_the_bytes",
