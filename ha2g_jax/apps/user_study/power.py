@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+import threadpoolctl
 from scipy import optimize, special
 
 from ha2g_jax.apps.user_study.answers import Choices, Ratings, choices_of, ratings_of, read_answers
@@ -244,6 +245,7 @@ def power_table(
     return "\n".join(lines)
 
 
+@threadpoolctl.threadpool_limits.wrap(limits=1)  # with small matrices, threads of BLAS wait for each other
 def read_pilot(measure: str, paths: Sequence[pathlib.Path], key: Key) -> tuple[Spreads, float]:
     """Estimate standard deviations and the share of equal choices from the answers of a pilot study.
 

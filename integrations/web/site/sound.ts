@@ -36,7 +36,7 @@ export async function openSound(file: File, signal: AbortSignal): Promise<Sound>
   }
   if (/^<(!doctype )?html/.test(start)) throw new Error(`${file.name} is a web page, not a sound; download it again.`);
   if (isPlainWave(head)) {
-    checkSeconds(file.name, statedSeconds(head, file.size));
+    if (statedSeconds(head, file.size) > 1.1 * MAX_SECONDS) checkSeconds(file.name, statedSeconds(head, file.size));
     return { name: file.name, content: file, ...(await read(file.name, { bytes: await bytesOf(file) }, signal)) };
   }
   await checkPlayable(file, signal);
@@ -79,12 +79,12 @@ function isPlainWave(head: DataView): boolean {
 /** Returns the length of a WAV file by its size and the kind of samples that it states at its start, 0 if not there. */
 function statedSeconds(head: DataView, size: number): number {
   if (head.byteLength < 36 || head.getUint32(12) !== 0x666d7420) return 0;
-  return size / Math.max(head.getUint32(24, true) * head.getUint16(32, true), 1000);
+  return (size - 44) / Math.max(head.getUint32(24, true) * head.getUint16(32, true), 1000);
 }
 
 function checkSeconds(name: string, seconds: number): void {
   if (seconds <= MAX_SECONDS) return;
-  throw new Error(`${name} lasts ${Math.round(seconds / 60)} minutes; this page takes up to ${MAX_SECONDS / 60}.`);
+  throw new Error(`${name} lasts ${Math.ceil(seconds / 6) / 10} minutes; this page takes up to ${MAX_SECONDS / 60}.`);
 }
 
 /** Checks that the browser plays a file, and its length before it is decoded into memory. */

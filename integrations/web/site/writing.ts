@@ -10,7 +10,7 @@ import { fileOf } from "./elements.js";
 export async function write(motion: Motion, format: string): Promise<Blob> {
   const bytes =
     format === "npz" ? writeNpz(motion) : format === "bvh" ? writeBvh(motion) : writeGlb(motion, await loadFigure());
-  return new Blob([bytes as Uint8Array<ArrayBuffer>]);
+  return new Blob([bytes]);
 }
 
 /** Returns the body of a GLB file. */

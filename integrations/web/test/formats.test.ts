@@ -33,8 +33,8 @@ test("the data of an array begin at a multiple of 64 bytes of its file", () => {
   assert.match(text.slice(start, start + 200), /'descr': '<f4', 'fortran_order': False, 'shape': \(12, 42, 3\)/);
 });
 
-test("each line of motion of a BVH has a value for each channel", () => {
-  const lines = new TextDecoder().decode(writeBvh(makeMotion())).trimEnd().split("\n");
+test("each line of motion of a BVH has a value for each channel", async () => {
+  const lines = (await new Blob([writeBvh(makeMotion())]).text()).trimEnd().split("\n");
   const counts = lines.flatMap((line) => /CHANNELS (\d)/.exec(line)?.[1] ?? []).map(Number);
   const channels = counts.reduce((sum, count) => sum + count, 0);
   const start = lines.indexOf("MOTION");

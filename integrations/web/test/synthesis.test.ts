@@ -115,13 +115,18 @@ test("wrong requests are refused with a sentence", async () => {
     [{ seed: 1 }, /the seed is 1; expected a whole number from 0 to 0/],
     [{ seed: 0.5 }, /the seed is 0.5/],
     [{ energy: NaN }, /the energy is NaN/],
+    [{ energy: "1.5" }, /the energy is 1.5; expected a number/],
+    [{ energy: null }, /the option energy is null; leave it out/],
+    [{ seed: "length" }, /the seed is length/],
+    [{ speaker: "ada", variation: [1] }, /the variation of the style is 1/],
   ];
   for (const [options, message] of refused) {
     await assert.rejects(generate(sampler, noise(16000), options), message);
     assert.throws(() => new Stream(sampler, options), message);
   }
   await assert.rejects(generate(sampler, noise(100)), /0\.006 s; expected at least 0\.2 s/);
-  for (const options of [{ lookAhead: 35 }, { lookAhead: 1.5 }, { hop: 0 }, { hop: 27 }, { reference: -1 }]) {
+  const others: object[] = [{ lookAhead: 35 }, { lookAhead: 1.5 }, { hop: 0 }, { hop: 27 }, { reference: -1 }];
+  for (const options of [...others, { reference: "1" }, { muted: "no" }]) {
     assert.throws(() => new Stream(sampler, options), /expected/);
   }
 });

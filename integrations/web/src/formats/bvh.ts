@@ -21,7 +21,7 @@ const CHANNELS = "Zrotation Xrotation Yrotation";
  * @param motion - motion to write.
  * @returns bytes of the file; the same motion gives the same bytes.
  */
-export function writeBvh(motion: Motion): Uint8Array {
+export function writeBvh(motion: Motion): Uint8Array<ArrayBuffer> {
   const { armature, rotations, fps } = animate(motion);
   const lines: string[] = [];
   const order = hierarchy(armature, 0, "", lines);

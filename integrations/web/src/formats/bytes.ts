@@ -14,7 +14,7 @@ export function floatBytes(values: ArrayLike<number>): Uint8Array {
 }
 
 /** Joins arrays of bytes to one. */
-export function joinBytes(parts: Uint8Array[]): Uint8Array {
+export function joinBytes(parts: Uint8Array[]): Uint8Array<ArrayBuffer> {
   const joined = new Uint8Array(parts.reduce((sum, { length }) => sum + length, 0));
   let at = 0;
   for (const part of parts) {

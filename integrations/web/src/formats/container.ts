@@ -39,7 +39,7 @@ export function readContainer(bytes: Uint8Array, maxText = Infinity): { json: Js
 }
 
 /** Writes a `.glb` file. */
-export function writeContainer(json: Json, blob: Uint8Array): Uint8Array {
+export function writeContainer(json: Json, blob: Uint8Array): Uint8Array<ArrayBuffer> {
   const encoded = new TextEncoder().encode(JSON.stringify(json));
   const text = joinBytes([encoded, new Uint8Array(-encoded.length & 3).fill(0x20)]);
   const data = joinBytes([blob, new Uint8Array(-blob.length & 3)]);

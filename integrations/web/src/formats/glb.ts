@@ -46,7 +46,7 @@ interface Figure extends Json {
  * @returns bytes of the file; the same arguments give the same bytes.
  * @throws Error if the figure has other joints or bone lengths than the motion.
  */
-export function writeGlb(motion: Motion, figure: ArrayBuffer | Uint8Array): Uint8Array {
+export function writeGlb(motion: Motion, figure: ArrayBuffer | Uint8Array): Uint8Array<ArrayBuffer> {
   const { json, blob } = readContainer(bytesOf(figure));
   const body = json as Figure;
   const animation = animate(motion);

@@ -12,7 +12,7 @@ const ALIGNMENT = 64; // of the data of an array, as NumPy's
  * @param motion - motion to write.
  * @returns bytes of the file; the same motion gives the same bytes.
  */
-export function writeNpz(motion: Motion): Uint8Array {
+export function writeNpz(motion: Motion): Uint8Array<ArrayBuffer> {
   const { skeleton, numFrames } = motion;
   const { joints, bones } = skeleton;
   const meta = JSON.stringify(motion.meta, null, 1);

@@ -17,7 +17,7 @@ const CRC_TABLE = Uint32Array.from({ length: 256 }, (_, byte) => {
  *
  * @param files - contents by name, all together below 4 GiB.
  */
-export function writeZip(files: Record<string, Uint8Array>): Uint8Array {
+export function writeZip(files: Record<string, Uint8Array>): Uint8Array<ArrayBuffer> {
   const parts: Uint8Array[] = [];
   const directory: Uint8Array[] = [];
   let offset = 0;

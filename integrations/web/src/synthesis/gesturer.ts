@@ -5,7 +5,7 @@ import { Motion } from "../motion/motion.js";
 import { checkArray } from "../sound/speech.js";
 import { fetchAll } from "./fetching.js";
 import { LiveStream } from "./live-stream.js";
-import { checkNames, type Generated, type Generation, type StreamOptions } from "./options.js";
+import { checkNames, checkObject, type Generated, type Generation, type StreamOptions } from "./options.js";
 import { Port } from "./port.js";
 
 export type { LiveStream, StreamOptions };
@@ -42,6 +42,7 @@ export class Gesturer {
    */
   static async load(model: string | URL, options: LoadOptions = {}): Promise<Gesturer> {
     checkNames(options, "load");
+    if (typeof Worker === "undefined") throw new Error("a Gesturer needs a browser; there is no Worker here");
     const address = new URL(model, globalThis.location?.href);
     // Bundlers copy the files that these two expressions name.
     const runtime = options.wasm ?? new URL("./ort.wasm.gz", import.meta.url);
@@ -49,6 +50,9 @@ export class Gesturer {
     const urls = [new URL("model.json", address), address, new URL(runtime, globalThis.location?.href)];
     const [json, bytes, wasm] = await fetchAll(urls, options.onprogress ?? (() => {}));
     const description = checkDescription(parsed(json));
+    if (!hasText(new Uint8Array(bytes), description.hash)) {
+      throw new Error("model.json is that of another model; write both again with ha2g model onnx --page");
+    }
     const port = new Port(worker);
     try {
       await port.ask({ kind: "load", description, model: new Uint8Array(bytes), wasm }, [bytes, wasm]);
@@ -67,6 +71,7 @@ export class Gesturer {
    * @throws Error if the speech or an option cannot be used.
    */
   async generate(samples: Float32Array, options: GenerateOptions = {}): Promise<Motion> {
+    checkObject(options);
     const { onprogress, signal, ...generation } = options;
     signal?.throwIfAborted();
     checkArray(samples);
@@ -101,6 +106,15 @@ export class Gesturer {
   close(): void {
     this.port.close();
   }
+}
+
+/** Returns whether bytes have a text; that of the metadata of an ONNX file is behind its weights. */
+function hasText(bytes: Uint8Array, text: string): boolean {
+  const wanted = new TextEncoder().encode(text);
+  for (let at = bytes.lastIndexOf(wanted[0]); at >= 0; at = at ? bytes.lastIndexOf(wanted[0], at - 1) : -1) {
+    if (wanted.every((byte, index) => bytes[at + index] === byte)) return true;
+  }
+  return false;
 }
 
 function parsed(json: ArrayBuffer): unknown {

@@ -30,12 +30,20 @@ const NAMES = {
 
 type Names<Options> = Record<keyof Options, true>;
 
+/** Checks that options are an object. */
+export function checkObject(options: unknown): void {
+  if (typeof options !== "object" || options === null) throw new Error(`the options are ${options}; expected an object`);
+}
+
 /**
- * Checks that options have known names.
+ * Checks that options have known names and values.
  *
- * @throws Error if one has another name.
+ * @throws Error if they are no object, one has another name, or one is null.
  */
 export function checkNames(options: object, kind: keyof typeof NAMES): void {
+  checkObject(options);
+  const missing = Object.entries(options).find(([, value]) => value === null);
+  if (missing) throw new Error(`the option ${missing[0]} is null; leave it out, or give a value`);
   const unknown = Object.keys(options).filter((name) => !Object.hasOwn(NAMES[kind], name));
   if (unknown.length) throw new Error(`no option ${unknown.join(", ")}; expected ${Object.keys(NAMES[kind]).join(", ")}`);
 }

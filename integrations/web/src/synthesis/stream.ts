@@ -82,6 +82,7 @@ export class Stream {
     const { num_frames, num_seed_frames, fps, has_hidden_ends, skeleton, seed_poses } = sampler.description;
     check(num_frames, num_seed_frames, lookAhead, hop, reference);
     checkEnergy(energy);
+    checkMuted(muted);
     [this.lookAhead, this.hop, this.seed, this.energy, this.muted] = [lookAhead, hop, seed, energy, muted];
     this.style = chooseStyle(sampler.description, options, seed).values;
     this.styleRamp = new Ramp(this.style, fps);
@@ -121,6 +122,7 @@ export class Stream {
   /** Changes what is given with the next frames, within half a second; a part of a style replaces all of the style. */
   change({ energy = this.energy, muted = this.muted, state = this.state, ...style }: StreamChange): void {
     checkEnergy(energy);
+    checkMuted(muted);
     if (Object.values(style).some((part) => part !== undefined)) {
       this.style = chooseStyle(this.sampler.description, style, this.seed).values;
       this.rest = this.findRest();
@@ -377,7 +379,11 @@ function withRest(motion: Float32Array, rest: Numbers, weights: Numbers): Float3
   return result;
 }
 
-/** Checks the options of a stream but style and energy. */
+function checkMuted(muted: boolean): void {
+  if (typeof muted !== "boolean") throw new Error(`muted is ${muted}; expected true or false`);
+}
+
+/** Checks the options of a stream but style, energy and muted. */
 function check(window: number, overlap: number, lookAhead: number, hop: number, reference: number | undefined): void {
   if (!(Number.isInteger(lookAhead) && lookAhead >= 0 && lookAhead <= window)) {
     throw new Error(`the look-ahead is ${lookAhead}; expected 0 to ${window} frames, the window of the model`);
@@ -386,7 +392,7 @@ function check(window: number, overlap: number, lookAhead: number, hop: number, 
   if (!(Number.isInteger(hop) && hop >= 1 && hop <= longest)) {
     throw new Error(`the hop is ${hop}; expected 1 to ${longest} frames`);
   }
-  if (reference !== undefined && !(reference >= 0 && reference < Infinity)) {
+  if (reference !== undefined && !(typeof reference === "number" && reference >= 0 && reference < Infinity)) {
     throw new Error(`the mel power of 0 dB is ${reference}; expected a number from 0 on`);
   }
 }

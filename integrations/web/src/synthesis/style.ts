@@ -27,7 +27,7 @@ export interface ChosenStyle {
 
 /** Returns the random choices of a seed. */
 export function chooseTake(description: Description, seed: number): Take {
-  const take = description.takes[seed];
+  const take = Number.isInteger(seed) ? description.takes[seed] : undefined;
   if (!take) throw new Error(`the seed is ${seed}; expected a whole number from 0 to ${description.takes.length - 1}`);
   return take;
 }
@@ -49,7 +49,7 @@ export function chooseStyle(description: Description, style: StyleOptions, seed:
   if ([speaker, mixture, values].filter((part) => part !== undefined).length > 1) {
     throw new Error("the style has more than one source; give only a speaker, a mixture or values");
   }
-  if (!(variation >= 0 && variation <= MOST_VARIATION)) {
+  if (!(typeof variation === "number" && variation >= 0 && variation <= MOST_VARIATION)) {
     throw new Error(`the variation of the style is ${variation}; expected 0 to ${MOST_VARIATION}`);
   }
   const varied = (exact: Float32Array) =>

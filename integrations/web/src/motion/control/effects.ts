@@ -11,8 +11,8 @@ const MIN_LENGTH = 1e-6; // a mean shorter than this has no direction
 
 /** Checks an energy. */
 export function checkEnergy(amount: number): void {
-  if (!(amount >= 0 && amount <= MOST)) {
-    throw new Error(`the energy is ${amount}; expected 0 to ${MOST}, 1 for the unchanged motion`);
+  if (!(typeof amount === "number" && amount >= 0 && amount <= MOST)) {
+    throw new Error(`the energy is ${amount}; expected a number from 0 to ${MOST}, 1 for the unchanged motion`);
   }
 }
 
