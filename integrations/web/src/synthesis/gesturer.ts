@@ -50,12 +50,11 @@ export class Gesturer {
     const urls = [new URL("model.json", address), address, new URL(runtime, globalThis.location?.href)];
     const [json, bytes, wasm] = await fetchAll(urls, options.onprogress ?? (() => {}));
     const description = checkDescription(parsed(json));
-    if (!hasText(new Uint8Array(bytes), description.hash)) {
-      throw new Error("model.json is that of another model; write both again with ha2g model onnx --page");
-    }
+    const isOwn = hasText(new Uint8Array(bytes), description.hash);
     const port = new Port(worker);
     try {
       await port.ask({ kind: "load", description, model: new Uint8Array(bytes), wasm }, [bytes, wasm]);
+      if (!isOwn) throw new Error("model.json is that of another model; write both again with ha2g model onnx --page");
     } catch (error) {
       port.close();
       throw error;

@@ -218,6 +218,13 @@ def test_a_model_file_that_is_cut_short_is_refused(demo_folder, do_jobs, tmp_pat
         do_jobs(tmp_path, [])
 
 
+def test_the_description_of_another_model_is_refused(debug_onnx, do_jobs, tmp_path):
+    page = write_page_description(shutil.copy(debug_onnx, tmp_path / "model.onnx"))
+    page.write_text(page.read_text().replace(json.loads(page.read_text())["hash"], "0" * 16))
+    with pytest.raises(AssertionError, match=r"model\.json is that of another model; write both again"):
+        do_jobs(tmp_path, [])
+
+
 @pytest.fixture(scope="module")
 def spectrograms(demo_folder, do_jobs, tmp_path_factory):
     """For each rate and gain, the path of a file and the spectrogram (128, columns) of a page."""
