@@ -89,15 +89,12 @@ def leaving_on_signals() -> Iterator[None]:
     There is no exception, because one in a callback would crash the compiler; so nothing may be half-written here.
     """
 
-    def leave(number: int) -> NoReturn:
-        _leave(128 + number, "\nha2g: interrupted\n")
-
     def watch(receiver: socket.socket) -> None:
         while number := receiver.recv(1):
             if number[0] in STOP_SIGNALS:
-                leave(number[0])
+                _leave(128 + number[0], "\nha2g: interrupted\n")
 
-    with on_stop_signals(leave), _watching(watch):
+    with _watching(watch), on_stop_signals(lambda _: None):  # the main thread leaves it to the watcher
         yield
 
 

@@ -237,12 +237,15 @@ def read_words(
     """Return the words of the speech (samples,) at 16 kHz for a model that reads words, a cue on a word or a page on
     which they are shown, by default from the transcript beside its file, if there is one.
 
+    A page alone shows the words that have times, and is made without words if the file beside the speech has none.
+
     Raises:
         UserError: the transcript cannot be read, or there is none for a cue.
     """
     on_words = [cue for cue in cues if isinstance(cue, Cue) and cue.word]
     if not (model.reads_words or on_words or are_shown):
         return ()
+    is_needed = bool(model.reads_words or on_words or words)
     words = words or find_transcript(speech)
     if words is None and on_words:
         raise UserError(
@@ -260,4 +263,10 @@ def read_words(
         return ()
     from ha2g_jax.features import words as transcripts
 
-    return transcripts.words_of(audio, words, recognise=None, media=speech)
+    if is_needed:
+        return transcripts.words_of(audio, words, recognise=None, media=speech)
+    try:
+        return transcripts.read_words(words)
+    except UserError as error:
+        tqdm.write(f"the page has no words: {error}", file=sys.stderr)
+        return ()

@@ -23,6 +23,8 @@ class Parser(argparse.ArgumentParser):
     A command with a default for `overrides` takes settings of a config there, such as --config.train.steps=10.
     """
 
+    _arguments: Sequence[str] = ()
+
     def parse_known_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> tuple[Any, list[str]]:  # type: ignore[override]
         """Parse arguments, all of which must be known; the names of the options among them are `given`."""
         self._arguments = [str(argument) for argument in args or ()]
@@ -38,10 +40,14 @@ class Parser(argparse.ArgumentParser):
         return values, unknown
 
     def error(self, message: str) -> NoReturn:
-        """End with the usage and a message, which names a value that its dash makes look like an option."""
+        """End with the usage and a message, which names what looks like an option where something is missing."""
         options = [option for action in self._actions for option in action.option_strings]
-        dashed = [it for it in self._arguments if it[:1] == "-" and it.strip("-") and not self._named(options, it)]
-        if dashed and ("are required" in message or "expected" in message):
+        unknown = [it for it in self._arguments if it[:1] == "-" and not self._named(options, it)]
+        long = [it for it in unknown if it[2:] and it.startswith("--") and not it.startswith("--config.")]
+        dashed = [it for it in unknown if it[1:2].isalpha() and it[:2] not in options]
+        if "are required" in message and long:
+            message += f"; {long[0]} is no option of {self.prog}"
+        elif dashed and ("are required" in message or "expected" in message):
             message += f"; {dashed[0]} begins with a dash: write ./{dashed[0]} for a file, or --OPTION={dashed[0]}"
         super().error(message)
 

@@ -134,7 +134,7 @@ def whole_file(path: str | pathlib.Path, advice: str = _ADVICE) -> Iterator[path
         except UserError as error:  # of a writer that was given the temporary path
             if shown(temporary) not in str(error):
                 raise
-            raise UserError(str(error).replace(shown(temporary), shown(path))) from error
+            raise UserError(str(error).replace(shown(temporary), shown(path))) from error.__cause__ or error
         finally:
             with contextlib.suppress(OSError):
                 temporary.unlink()

@@ -170,14 +170,16 @@ class Motion:
             UserError: the file is missing or does not hold a motion.
         """
         path = pathlib.Path(path)
-        if path.suffix.lower() != ".npz" and path.is_file():
+        with reading(path, "a motion of ha2g generate"):
+            if not path.is_file():
+                raise UserError(f"no motion at {shown(path)}; give an .npz of ha2g generate or ha2g export")
+            with path.open("rb") as file:
+                is_zip = file.read(2) == b"PK"
+        if not is_zip and path.suffix.lower() != ".npz":
             raise UserError(
                 f"{shown(path)} is not an .npz; make one of a motion in another format: ha2g export {shown(path)} "
                 "--out MOTION.npz"
             )
-        with reading(path, "a motion of ha2g generate"):
-            if not path.is_file():
-                raise UserError(f"no motion at {shown(path)}; give an .npz of ha2g generate or ha2g export")
         return cls.from_arrays(read_npz(path, max_bytes=limits.MAX_MOTION_BYTES, names=ARRAYS), path)
 
     @classmethod

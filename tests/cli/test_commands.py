@@ -109,6 +109,20 @@ def test_a_value_that_looks_like_an_option_is_named(argv, capsys):
     )
 
 
+@pytest.mark.parametrize(
+    ("argv", "end"),
+    [
+        (["generate", "--hlep"], "SPEECH; --hlep is no option of ha2g generate\n"),
+        (["generate", "-oout.mp4"], "required: SPEECH\n"),
+        (["live", "--look-ahead", "-1"], "required: --source, --sink\n"),
+    ],
+)
+def test_what_is_missing_is_not_taken_for_a_value_with_a_dash(argv, end, capsys):
+    with pytest.raises(SystemExit):
+        cli.main(argv)
+    assert capsys.readouterr().err.endswith(end)
+
+
 def test_version(capsys):
     with pytest.raises(SystemExit) as stop:
         cli.main(["--version"])

@@ -72,6 +72,9 @@ def test_takes_are_those_of_their_seeds_with_a_page_to_choose_from(debug_folder,
     assert [motion["name"] for motion in content["motions"]] == ["seed 8", "seed 9", "seed 10"]
     assert content["view"] == list(CAMERAS["close"])
     assert content["sound"] and "hello" in json.dumps(content["words"])
+    speech.with_suffix(".srt").write_text("no words with times")
+    assert generate(*options, "-o", tmp_path / "page.html") == 0
+    assert "the page has no words: " in capsys.readouterr().err
     assert generate(*options, "-o", tmp_path / "one.bvh", "--words", speech.with_suffix(".srt")) == 2
     assert "leave --words out, or write .html" in capsys.readouterr().err
 

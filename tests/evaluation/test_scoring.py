@@ -79,6 +79,8 @@ def test_motion_that_only_rests_in_the_pauses_gains_nothing_with_the_pauses_cut(
 def test_strokes_with_perfect_timing_are_the_nearest_onsets_each_once():
     onsets = np.array([0.5, 1.0, 3.0])
     assert strokes.moved_to_onsets(np.array([0.7, 0.8, 1.1, 2.1]), onsets).tolist() == [0.5, 1.0, 3.0]
+    assert strokes.moved_to_onsets(np.array([0.1, 9.0]), onsets).tolist() == [0.5, 3.0]
+    assert strokes.moved_to_onsets(np.array([0.1, 9.0]), onsets[:1]).tolist() == [0.5]
     assert strokes.moved_to_onsets(np.zeros(0), onsets).tolist() == []
     assert strokes.moved_to_onsets(onsets, np.zeros(0)).tolist() == []
 

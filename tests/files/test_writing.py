@@ -92,6 +92,11 @@ def test_a_full_disk_is_one_line(tmp_path):
     for write in (whole_file, whole_folder):
         with pytest.raises(UserError, match=line), write(tmp_path / "new"):
             raise OSError(errno.ENOSPC, "No space left on device")
-    with pytest.raises(UserError, match=line), whole_file(tmp_path / "new") as outer, whole_file(outer):
+    with (
+        pytest.raises(UserError, match=line) as caught,
+        whole_file(tmp_path / "new") as outer,
+        whole_file(outer),
+    ):
         raise OSError(errno.ENOSPC, "No space left on device")
+    assert isinstance(caught.value.__cause__, OSError)
     assert not list(tmp_path.iterdir())

@@ -61,8 +61,12 @@ def test_other_suffixes_and_other_files_are_refused(tmp_path):
     for name in ("missing.npz", "text.npz", "other.npz"):
         with pytest.raises(UserError, match=name):
             Motion.load(tmp_path / name)
+    with pytest.raises(UserError, match="too long"):
+        Motion.load("x" * 300)
+    make().save(tmp_path / "m.npz")
+    assert Motion.load((tmp_path / "m.npz").rename(tmp_path / "m.bak")).num_frames == make().num_frames
     for name in ("m.glb", "m.json"):
-        (tmp_path / name).touch()
+        (tmp_path / name).write_text("{}")
         with pytest.raises(UserError, match=rf"ha2g export .*{name} --out MOTION\.npz"):
             Motion.load(tmp_path / name)
 

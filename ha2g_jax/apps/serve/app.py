@@ -62,7 +62,7 @@ _logger = logging.getLogger(__name__)
 
 
 def create_app(service: Service) -> FastAPI:
-    """Return the application of a service, for a server of ASGI without lifespan events."""
+    """Return the application of a service, for a server of ASGI that runs it with lifespan off."""
     # The pages of FastAPI load scripts from the network, so that only the description itself is served.
     app = FastAPI(title="ha2g", version=__version__, docs_url=None, redoc_url=None)
 

@@ -202,8 +202,12 @@ def recording_row(audio: np.ndarray, body: UpperBody, first_frame: int) -> Recor
 
 def moved_to_onsets(strokes: np.ndarray, onsets: np.ndarray) -> np.ndarray:
     """Return the onsets (k,) that are nearest to the strokes (m,), each once, all in seconds: perfect timing."""
-    distances = np.abs(strokes[:, None] - onsets)
-    return onsets[np.unique(distances.argmin(axis=1))] if len(onsets) else onsets
+    if not len(onsets):
+        return onsets
+    after = np.minimum(np.searchsorted(onsets, strokes), len(onsets) - 1)
+    before = np.maximum(after - 1, 0)
+    is_before = np.abs(strokes - onsets[before]) <= np.abs(onsets[after] - strokes)
+    return onsets[np.unique(np.where(is_before, before, after))]
 
 
 def _shifted_sums(onsets: np.ndarray, moves: np.ndarray, length: float) -> np.ndarray:

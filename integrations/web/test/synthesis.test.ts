@@ -92,6 +92,7 @@ test("a stream sends its part of the sound alone, and keeps a state that was cha
   const stream = new LiveStream({ ask, send() {} } as never, 1, 0.5, makeDescription(), 0, "auto");
   const fed = stream.feed(new Float32Array(1000).subarray(10, 20));
   stream.change({ state: "think" });
+  assert.throws(() => stream.change({ muted: 1 } as never), /muted is 1; expected true or false/);
   answer({ directions: new Float32Array(0), state: "auto" });
   await fed;
   assert.equal(sent[0].samples.buffer.byteLength, 40);

@@ -6,7 +6,7 @@ import { checkCue } from "../motion/cues.js";
 import { checkState, type State } from "../motion/states.js";
 import { checkArray } from "../sound/speech.js";
 import type { Frames, Request } from "./messages.js";
-import { checkNames, type StreamChange } from "./options.js";
+import { checkMuted, checkNames, type StreamChange } from "./options.js";
 import type { Port } from "./port.js";
 import { chooseStyle } from "./style.js";
 
@@ -58,8 +58,9 @@ export class LiveStream {
    */
   change(change: StreamChange): void {
     checkNames(change, "change");
-    const { energy = 1, muted: _, state = this.lastState, ...style } = change;
+    const { energy = 1, muted = false, state = this.lastState, ...style } = change;
     checkEnergy(energy);
+    checkMuted(muted);
     checkState(state);
     chooseStyle(this.description, style, this.seed);
     if (change.state !== undefined) this.changes++;

@@ -48,6 +48,11 @@ export function checkNames(options: object, kind: keyof typeof NAMES): void {
   if (unknown.length) throw new Error(`no option ${unknown.join(", ")}; expected ${Object.keys(NAMES[kind]).join(", ")}`);
 }
 
+/** Checks whether a body is muted. */
+export function checkMuted(muted: boolean): void {
+  if (typeof muted !== "boolean") throw new Error(`muted is ${muted}; expected true or false`);
+}
+
 /** How a motion is generated. */
 export interface Generation extends StyleOptions {
   /** Seed of all random choices, 0 by default. */

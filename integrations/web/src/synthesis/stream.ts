@@ -14,7 +14,7 @@ import { FLOOR_DB, NUM_MELS, SAMPLE_RATE, windowColumn, windowColumns } from "..
 import { Phrases } from "../sound/phrases.js";
 import { RunningMel } from "../sound/running-mel.js";
 import { hideUnheard } from "../sound/unheard.js";
-import { checkNames, HOP, LOOK_AHEAD, type StreamChange, type StreamOptions } from "./options.js";
+import { checkMuted, checkNames, HOP, LOOK_AHEAD, type StreamChange, type StreamOptions } from "./options.js";
 import type { Sampler } from "./sampler.js";
 import { chooseStyle, chooseTake } from "./style.js";
 import { RunningJoin } from "./windows.js";
@@ -377,10 +377,6 @@ function withRest(motion: Float32Array, rest: Numbers, weights: Numbers): Float3
     if (weight < 1) result.set(slerp(rest.subarray(at, end), motion.subarray(at, end), weight), at);
   });
   return result;
-}
-
-function checkMuted(muted: boolean): void {
-  if (typeof muted !== "boolean") throw new Error(`muted is ${muted}; expected true or false`);
 }
 
 /** Checks the options of a stream but style, energy and muted. */
