@@ -159,8 +159,9 @@ def _export_each(arguments: argparse.Namespace, suffix: str) -> None:
             raise UserError(f"two motions would be written to {shown(name.stem)}{suffix}; export them one by one")
     for folder in (path for path in arguments.motions if path.is_dir()):
         for name, path in list_motions(folder).items():
-            if tasks.setdefault(name, path) != path:
-                raise UserError(f"two motions would be written to {shown(path.stem)}{suffix}; export them one by one")
+            if (first := tasks.setdefault(name, path)) != path:
+                two = f"{shown(first)} and {shown(path)} would both be written to"
+                raise UserError(f"{two} {shown(path.stem)}{suffix}; export them one by one")
     outs = {arguments.out / f"{name}{suffix}": path for name, path in tasks.items()}
     check_kept(list(outs), [*outs.values(), _joint_map(arguments)])
     check_reading(list(outs.values()), **reading(arguments))

@@ -6,7 +6,7 @@ import os
 import pathlib
 import re
 import unicodedata
-from collections.abc import Container, Iterable, Mapping
+from collections.abc import Collection, Container, Iterable, Mapping
 from typing import Any, NamedTuple, Unpack
 
 import numpy as np
@@ -135,7 +135,7 @@ def from_folders(
         found = each(functools.partial(_read, **options), pairs)
         read = list(track(found, "reading the motion", "clip", len(pairs)))
     truth = references_of(pair.reference for pair in read)
-    left_out = {"motion": len(motions) - len(clips), "reference": len(references) - len(truth)}
+    left_out = {"motion": motions.keys() - clips.keys(), "reference": references.keys() - truth.keys()}
     notes = _notes(read, [pair for pair in read if pair.reference is truth[pair.reference.id]], left_out)
     sides = ((pathlib.Path(motion), motions), (pathlib.Path(reference), references))
     from_folder = [path for side, found in sides if side.is_dir() for path in found.values()]
@@ -289,12 +289,12 @@ def _read(pair: _Pair, skeleton: str, reading: Reading, with_audio: bool) -> _Re
     )
 
 
-def _notes(read: list[_Read], once: list[_Read], left_out: dict[str, int]) -> list[str]:
+def _notes(read: list[_Read], once: list[_Read], left_out: Mapping[str, Collection[str]]) -> list[str]:
     """Return sentences on what was done to all motion, and to the references, each of which is in `once` once."""
     notes = []
-    for which, count in left_out.items():
-        if count:
-            notes.append(f"files of {which} that have no counterpart and are left out: {count}")
+    for which, names in left_out.items():
+        if names:
+            notes.append(f"files of {which} that have no counterpart and are left out: {len(names)}, {_few(names)}")
     for which, index, pairs in (("motion", 0, read), ("reference", 1, once)):
         rates = collections.Counter(pair.rates[index] for pair in pairs if pair.rates[index] != FPS)
         for rate, count in sorted(rates.items()):
@@ -304,7 +304,7 @@ def _notes(read: list[_Read], once: list[_Read], left_out: dict[str, int]) -> li
     return notes
 
 
-def _few(names: dict[str, pathlib.Path]) -> str:
+def _few(names: Collection[str]) -> str:
     first = ", ".join(shown(name) for name in sorted(names)[:_SHOWN])
     return f"{first}, ..." if len(names) > _SHOWN else first
 

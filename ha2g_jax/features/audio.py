@@ -214,7 +214,7 @@ def _check_least(num_samples: int, rate: int, name: str) -> None:
 
 def _check_most(num_samples: int, rate: int, channels: int, name: str, max_seconds: float) -> None:
     if num_samples / rate > max_seconds:
-        raise UserError(f"{name} has more than {max_seconds / 60:.3g} minutes of sound; cut it into shorter parts")
+        raise UserError(f"{name} has more than {max_seconds / 60:.3g} min of sound; cut it into shorter parts")
     if num_samples * max(channels, 2) > MAX_SOUND_VALUES:  # resampling them takes as long as decoding a channel
         raise UserError(
             f"{name} is too long for a recording of {channels} channels at {rate} Hz; convert it to mono at 48 kHz"

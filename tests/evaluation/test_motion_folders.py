@@ -43,7 +43,7 @@ def test_a_number_behind_the_name_or_a_folder_of_samples_makes_one_of_several_mo
     folders = from_folders(motion, reference)
     assert [clip.id for clip in folders.motion] == ["a", "a", "b", "c.1", "b"]
     assert [clip.id for clip in folders.reference] == ["a", "b", "c.1"]
-    assert folders.notes == ["files of motion that have no counterpart and are left out: 1"]
+    assert folders.notes == ["files of motion that have no counterpart and are left out: 1, b.x"]
 
 
 @pytest.mark.parametrize("fps", [24, 30])
@@ -83,8 +83,8 @@ def test_files_are_paired_by_name_whatever_their_kind(write):
     assert all(clip.num_frames == SECONDS * 15 for clip in folders.reference)
     assert all(clip.onsets is not None and len(clip.onsets) >= 5 for clip in folders.reference)
     assert folders.notes == [
-        "files of motion that have no counterpart and are left out: 1",
-        "files of reference that have no counterpart and are left out: 2",
+        "files of motion that have no counterpart and are left out: 1, extra",
+        "files of reference that have no counterpart and are left out: 2, c, d",
         "clips whose reference was resampled from 30 to 15 frames per second: 2",
     ]
 
