@@ -320,7 +320,7 @@ BOMBS: dict[str, tuple[str, str, Callable[[], bytes], str]] = {
     "10,000 x 10,000": ("picture", "a.png", lambda: png(10_000), "more than 67108864 pixels"),
     "a thousand passes": ("picture", "a.jpg", many_passes, "passes"),
     "a large tile": ("picture", "a.tif", large_tile, "60000 x 60000, which is more than 67108864 pixels"),
-    "a program": ("picture", "a.eps", lambda: b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n", "cannot identify"),
+    "a program": ("picture", "a.eps", lambda: b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n", "is no image"),
     "lines": ("transcript", "a.srt", lambda: CUE + b"a\n" * 4_000_000, "more than 1000000 lines"),
     "letters": ("transcript", "a.srt", lambda: CUE + b"a" * (4 << 20), "expected at most 3145728"),
     "words": ("transcript", "a.tsv", lambda: b"".join(b"%d\t%d\ta\n" % (i, i) for i in range(110_000)), "100000 words"),
