@@ -245,28 +245,26 @@ def read_words(
     on_words = [cue for cue in cues if isinstance(cue, Cue) and cue.word]
     if not (model.reads_words or on_words or are_shown):
         return ()
-    is_needed = bool(model.reads_words or on_words or words)
-    words = words or find_transcript(speech)
-    if words is None and on_words:
+    found = words or find_transcript(speech)
+    if found is None and on_words:
         raise UserError(
             f"the cue {shown(on_words[0].name)} is on a word, but {shown(speech)} has no transcript beside it; "
             "name one with --words, or give times"
         )
-    if words is None:
-        if not model.reads_words:
-            return ()
+    if found is None and model.reads_words:
         tqdm.write(
             f"{model.spec.method} reads words, but {shown(speech)} has no transcript beside it: continuing without "
             "words; name a transcript with --words",
             file=sys.stderr,
         )
+    if found is None:
         return ()
     from ha2g_jax.features import words as transcripts
 
-    if is_needed:
-        return transcripts.words_of(audio, words, recognise=None, media=speech)
+    if model.reads_words or on_words or words:
+        return transcripts.words_of(audio, found, recognise=None, media=speech)
     try:
-        return transcripts.read_words(words)
+        return transcripts.read_words(found)
     except UserError as error:
         tqdm.write(f"the page has no words: {error}", file=sys.stderr)
         return ()

@@ -145,12 +145,16 @@ def _in_folder(folder: pathlib.Path) -> list[pathlib.Path]:
         if path not in speech and (why := why_not_there(path)):
             tqdm.write(f"{shown(path)} {why}", file=sys.stderr)
     if not speech:
-        raise UserError(f"no file with sound in {shown(folder)} itself; give a folder of recordings of speech")
+        raise UserError(
+            f"no file with sound in {shown(folder)}, whose subfolders are not searched; give a folder of recordings"
+        )
     folders = sorted(f"{path.name}/" for path in folder.iterdir() if path.is_dir() and not path.name.startswith("."))
     if skipped := [*map(shown, folders), *(shown(path.name) for path in files if path not in speech)]:
         more = f" and {len(skipped) - _NAMES_SHOWN} more" if skipped[_NAMES_SHOWN:] else ""
         names = ", ".join(skipped[:_NAMES_SHOWN])
-        tqdm.write(f"skipping what is not speech in {shown(folder)} itself: {names}{more}", file=sys.stderr)
+        tqdm.write(
+            f"skipping subfolders and files that are not speech in {shown(folder)}: {names}{more}", file=sys.stderr
+        )
     return speech
 
 

@@ -40,14 +40,10 @@ class Parser(argparse.ArgumentParser):
         return values, unknown
 
     def error(self, message: str) -> NoReturn:
-        """End with the usage and a message, which names what looks like an option where something is missing."""
+        """End with the usage and a message, which names a value whose dash makes it look like an option."""
         options = [option for action in self._actions for option in action.option_strings]
-        unknown = [it for it in self._arguments if it[:1] == "-" and not self._named(options, it)]
-        long = [it for it in unknown if it[2:] and it.startswith("--") and not it.startswith("--config.")]
-        dashed = [it for it in unknown if it[1:2].isalpha() and it[:2] not in options]
-        if "are required" in message and long:
-            message += f"; {long[0]} is no option of {self.prog}"
-        elif dashed and ("are required" in message or "expected" in message):
+        dashed = [it for it in self._arguments if it[:1] == "-" and it[1:2].isalpha() and it[:2] not in options]
+        if dashed and ("are required" in message or "expected" in message):
             message += f"; {dashed[0]} begins with a dash: write ./{dashed[0]} for a file, or --OPTION={dashed[0]}"
         super().error(message)
 

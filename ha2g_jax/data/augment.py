@@ -130,7 +130,7 @@ def reverberate(mel: np.ndarray, seconds: float, direct_db: float) -> np.ndarray
     by 60 dB in `seconds`. Powers add, as in `add_noise`; what was spoken before the window leaves no trace. `direct_db`
     is the power of the direct sound over that of its reverberation, -10 log10 r.
     """
-    from scipy import signal  # most runs have no rooms, and its import takes most of a second in each process
+    from scipy import signal  # its import takes most of a second in each process, and most runs need it nowhere else
 
     decay = 10 ** (-6 * HOP_LENGTH / SAMPLE_RATE / seconds)
     power = np.power(10, mel.astype(np.float64) / 10)

@@ -112,7 +112,7 @@ def test_a_value_that_looks_like_an_option_is_named(argv, capsys):
 @pytest.mark.parametrize(
     ("argv", "end"),
     [
-        (["generate", "--hlep"], "SPEECH; --hlep is no option of ha2g generate\n"),
+        (["generate", "--hlep"], "required: SPEECH\n"),
         (["generate", "-oout.mp4"], "required: SPEECH\n"),
         (["live", "--look-ahead", "-1"], "required: --source, --sink\n"),
     ],

@@ -263,7 +263,8 @@ def test_the_speech_of_a_folder_is_its_sound(recordings, tmp_path, capsys):
     tasks = plan(recordings)
     assert [task.speech.name for task in tasks] == ["second.flac", "speech.wav"]
     assert tasks[0].paths == (recordings / "second_gestures.npz", recordings / "second_gestures.mp4")
-    message = f"skipping what is not speech in {recordings} itself: older.wav/, notes.txt, speech_gestures.mp4, "
+    message = f"skipping subfolders and files that are not speech in {recordings}: older.wav/, notes.txt, "
+    message += "speech_gestures.mp4, "
     message += "speech_gestures_seed3.mp4\n"
     assert capsys.readouterr().err == message
     in_folder = plan([recordings / "second.flac", recordings / "speech.wav"], tmp_path / "new", ".bvh")

@@ -31,7 +31,6 @@ MAPS = (*_FILES, *(rig for rig in rigs.RIGS if rig not in _FILES))
 AUTO = "auto"
 HEAD = "head"
 
-_PLACES = {HEAD, *LOWER_JOINTS, *(joint for name in SKELETONS for joint in load_skeleton(name).joints)}
 _EXPECTED = "a joint map in JSON or YAML"
 _NUMBER = re.compile(r"_\d+$")
 _MAX_DEPTH = 3  # a map has lists in its entries; one level more, so that the message can name the joint
@@ -140,8 +139,9 @@ def _to_map(lines: Any, name: str) -> JointMap:
         unit = _positive(unit, name)
     if up not in (None, *UPS):
         raise UserError(f"{name} has `up: {_text(up)}`; expected one of {', '.join(UPS)}")
-    if unknown := next((key for key in lines if key not in _PLACES), None):
-        alike = difflib.get_close_matches(unknown.casefold(), [*_PLACES, "unit", "up", "comment"], 1)
+    joints = {HEAD, *LOWER_JOINTS, *(joint for name in SKELETONS for joint in load_skeleton(name).joints)}
+    if unknown := next((key for key in lines if key not in joints), None):
+        alike = difflib.get_close_matches(unknown.casefold(), [*sorted(joints), "unit", "up", "comment"], 1)
         meant = f"; did you mean {alike[0]}?" if alike else ""
         raise UserError(f"{name} has an unknown entry {_text(unknown)}{meant}")
     return JointMap(name, {key: _names(value, key, name) for key, value in lines.items()}, unit, up)

@@ -331,14 +331,7 @@ def test_after_a_clear_the_next_wav_is_heard_whole(listening):
 
 TEXTS = [
     *("text", "[]", "{}", '{"muted": 1}', '{"muted": true, "energy": 2}', "[" * 100_000, '{"state": "sleep"}'),
-    *(
-        '{"state": []}',
-        '{"clear": false}',
-        '{"clear": 1}',
-        '{"cue": 3}',
-        '{"cue": "dance"}',
-        '{"cue": "clip:/etc/passwd"}',
-    ),
+    *('{"state": []}', '{"clear": false}', '{"clear": 1}', '{"cue": 3}', '{"cue": "dance"}', '{"cue": "clip:/a"}'),
     *('{"cue": "nod", "word": "yes"}', '{"cue": "nod", "time": -1}', '{"cue": "nod", "time": NaN}'),
 ]
 
